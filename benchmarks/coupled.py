@@ -1,6 +1,8 @@
 """Systems of two coordinates, simulated by equations of their own: what is identified of them?
 
     python benchmarks/coupled.py --count 30 --seed 1000     # prints a row a system, then the counts
+    python benchmarks/coupled.py --noise ar1        # or pink, hum, force, each at 35 dB or so
+    python benchmarks/coupled.py --noise ar1 --lacking      # the right terms, and all but one
 
 Each system is drawn by its seed: frequencies 1:1 (apart by more than three bandwidths), 1:2, 1:3 or
 at no ratio; stiffness to the third power, a potential that couples, inertia of slaved modes, linear
@@ -8,20 +10,28 @@ damping, of random size; two sensors or one; three decays at 40 dB, one of which
 simulator (scipy's DOP853) has its equations written down here, and shares nothing with the package.
 A ratio is met where the frequencies of the true coordinates come within 1 % of it, at small
 amplitudes or in the records.
+
+Noises that are not white are those of decay_verdicts.py: each sample keeps 0.95 of the one before,
+1/f noise, a hum, white forces that alone would keep each coordinate moving by 0.5 to 1.5 % of 1.
+`--lacking` gives the right terms, then all but one, of systems that do not beat, and counts those
+where that leaves at least 2 % of the response of decays without noise, the others fitted anew, and
+twice what the noise leaves.
 """
 
 import argparse
 import time
 
 import numpy as np
+from decay_verdicts import NOISES, heard, intensity
 from scipy.integrate import solve_ivp
 from scipy.signal import hilbert
 
-from romsindy import Decay, identify
+from romsindy import CoupledModel, Decay, identify, refine
+from romsindy.fit.collocation import TrajectoryError
 
 KINDS = {"1:1": (1.04, 1.10), "1:2": (1.992, 2.008), "1:3": (2.99, 3.01), "none": (2.3, 2.7)}
 CYCLES, PER_CYCLE, STATE = 120, 20, 0.04  # of the slow coordinate, of the fast; part of a record
-NOISE = 0.01  # 40 dB
+NOISE, INSIDE = 0.01, 4  # 40 dB; steps of the integration between samples under a force
 RATIOS = [(p, q) for q in range(2, 8) for p in range(1, q) if p + q < 9 and np.gcd(p, q) == 1]
 MET, MEAN, HEARD = 0.01, 10, 0.05  # of a ratio; cycles; of the largest amplitude
 
@@ -52,19 +62,36 @@ def drawn(seed):
     return kind, values, shapes, starts, rng
 
 
-def simulated(values, start, t):
-    """Motion from rest, (n, 2)."""
+def simulated(values, start, t, force=None):
+    """Motion from rest, (n, 2); a force (m, 2) holds for each step of a fourth-order method."""
     k1, k2, c1, c2, a1, a2, v21, v31, v22, g = values.values()
 
-    def rates(_, y):
+    def rates(_, y, w1=0.0, w2=0.0):
         q1, q2, p1, p2 = y
         f1 = k1 * q1 + c1 * p1 + a1 * q1**3 + 2 * v21 * q1 * q2 + 3 * v31 * q1**2 * q2
         f1 += 2 * v22 * q1 * q2**2 + 4 * g * q1 * p1**2
         f2 = k2 * q2 + c2 * p2 + a2 * q2**3 + v21 * q1**2 + v31 * q1**3 + 2 * v22 * q1**2 * q2
-        return [p1, p2, -f1 / (1 + 4 * g * q1**2), -f2]
+        return [p1, p2, (w1 - f1) / (1 + 4 * g * q1**2), w2 - f2]
 
+    if force is not None:
+        return stepped(rates, [*map(float, start), 0.0, 0.0], t[1] - t[0], force)
     options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-11, "t_eval": t}
     return solve_ivp(rates, (0, t[-1]), [*start, 0.0, 0.0], **options).y[:2].T
+
+
+def stepped(rates, y, dt, force):
+    """By Runge and Kutta's method in plain numbers."""
+    step, found = dt / INSIDE, [y[:2]]
+    for i, w in enumerate(force.tolist()):
+        a = rates(0, y, *w)
+        b = rates(0, [x + step / 2 * r for x, r in zip(y, a, strict=True)], *w)
+        c = rates(0, [x + step / 2 * r for x, r in zip(y, b, strict=True)], *w)
+        d = rates(0, [x + step * r for x, r in zip(y, c, strict=True)], *w)
+        slopes = zip(y, a, b, c, d, strict=True)
+        y = [x + step / 6 * (k + 2 * m + 2 * n + o) for x, k, m, n, o in slopes]
+        if (i + 1) % INSIDE == 0:
+            found.append(y[:2])
+    return np.array(found)
 
 
 def as_shown(values, shapes, main):
@@ -108,20 +135,69 @@ def met(values, starts):
     return {(p, q) for p, q in RATIOS if np.abs(np.array(found) * p / q - 1).min() < MET}
 
 
-def decays_of(seed):
+def decays_of(seed, noise="white"):
     """Kind, true coefficients and mode shapes, decays to be fitted and one that is held out."""
     kind, values, shapes, starts, rng = drawn(seed)
     t, found = sampled(values), []
+    omega = np.sqrt([values["omega^2 [q1]"], values["omega^2 [q2]"]])
+    zeta = np.array([values["c_linear [q1]"], values["c_linear [q2]"]]) / (2 * omega)
+    push = intensity(omega, zeta, rng) * np.sqrt(INSIDE / t[1]) if noise == "force" else None
     for start in starts:
-        y = simulated(values, start, t) @ shapes.T
-        y += NOISE * y.std(axis=0) * rng.standard_normal(y.shape)
+        force = None
+        if push is not None:
+            force = push * rng.standard_normal(((len(t) - 1) * INSIDE, 2))
+        y = simulated(values, start, t, force) @ shapes.T
+        if noise == "white":
+            y += NOISE * y.std(axis=0) * rng.standard_normal(y.shape)
+        else:
+            y = np.stack([heard(x, t, noise, omega[0], rng) for x in y.T], axis=1)
         found.append(Decay(t, y if y.shape[1] > 1 else y[:, 0], unit="m", stage="free"))
     return kind, values, shapes, found[:-1], found[-1]
 
 
-def trial(seed):
+def without(seed, noise):
+    """Whether the right terms explain the decays, and all but one do not; None of terms that hide.
+
+    Intervals that hold are counted for the right terms.
+    """
+    kind, values, shapes, decays, _ = decays_of(seed, noise)
+    if kind == "1:1":
+        return None
+    rng = np.random.default_rng([seed, 1])
+    shown = as_shown(values, shapes, np.argmax(np.abs(shapes), axis=0))
+    name = rng.choice([n for n in shown if n.startswith(("gamma", "V", "g("))])
+    less = {n: v for n, v in shown.items() if n != name}
+    t = sampled(values)
+    clean = [simulated(values, start, t) @ shapes.T for start in drawn(seed)[3][:-1]]
+    free = [Decay(t, y if y.shape[1] > 1 else y[:, 0], unit="m", stage="free") for y in clean]
+    pairs = zip(decays, free, strict=True)
+    noises = np.std([d.signal - f.signal for d, f in pairs]) / np.std(clean)
+    fit = fitted(less, free)
+    left = np.std(np.concatenate(fit.residuals)) / np.std(clean) if fit else 1.0
+    if left < max(0.02, 2 * noises):
+        return None
+    right, wrong = fitted(shown, decays), fitted(less, decays)
+    found, errors = (right.model.coefficients, right.standard_errors) if right else ({}, {})
+    return {
+        "name": name,
+        "left": left,
+        "explained": bool(right and right.verdict.explained),
+        "noticed": not (wrong and wrong.verdict.explained),
+        "scaled": [(found[k] - shown[k]) / errors[k] for k in errors],
+    }
+
+
+def fitted(values, decays):
+    """A fit of these terms; None where they have no motion."""
+    try:
+        return refine(CoupledModel.from_coefficients(values, unit="m"), decays)
+    except (TrajectoryError, ValueError):
+        return None
+
+
+def trial(seed, noise="white"):
     """One row: kind, what was found, held-out error, residual over noise, errors over theirs."""
-    kind, values, shapes, fitted, other = decays_of(seed)
+    kind, values, shapes, fitted, other = decays_of(seed, noise)
     true_ratios = met(values, drawn(seed)[3][:-1])
     start = time.perf_counter()
     fit = identify(fitted, "auto")
@@ -141,6 +217,7 @@ def trial(seed):
         "modes": fit.model.n_coordinates,
         "error": error,
         "residual": fit.adequacy,
+        "explained": fit.verdict.explained,
         "scaled": scaled,
         "wrong": wrong,
         "met": true_ratios,
@@ -154,15 +231,40 @@ def text(ratios):
     return " ".join(f"{p}:{q}" for p, q in sorted(ratios)) or "none"
 
 
+def lacking(seeds, noise):
+    """Print what came out of systems that lack a term."""
+    rows = []
+    for seed in seeds:
+        row = without(seed, noise)
+        if row is None:
+            continue
+        rows.append(row)
+        print(
+            f"{seed}: {'' if row['explained'] else 'not '}explained, without {row['name']}, which"
+            f" leaves {100 * row['left']:.1f} %, {'' if row['noticed'] else 'not '}noticed",
+            flush=True,
+        )
+    inside = np.abs(np.concatenate([row["scaled"] for row in rows] or [[np.inf]])) < 1.96
+    print(
+        f"{noise}: right terms explained {sum(row['explained'] for row in rows)} of {len(rows)},"
+        f" {100 * np.mean(inside):.0f} % of {len(inside)} coefficients in their 95 % intervals; a"
+        f" term less noticed {sum(row['noticed'] for row in rows)}"
+    )
+
+
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1000, help="of the first system")
+    parser.add_argument("--noise", choices=("white", *NOISES), default="white")
+    parser.add_argument("--lacking", action="store_true")
     given = parser.parse_args(arguments)
+    if given.lacking:
+        return lacking(range(given.seed, given.seed + given.count), given.noise)
     rows = []
     for seed in range(given.seed, given.seed + given.count):
         try:
-            row = trial(seed)
+            row = trial(seed, given.noise)
         except (ValueError, RuntimeError) as trouble:
             print(f"{seed}: {type(trouble).__name__}: {trouble}", flush=True)
             continue
@@ -170,7 +272,8 @@ def main(arguments=None):
         inside = np.mean(np.abs(row["scaled"] or [np.inf]) < 1.96)
         print(
             f"{seed} {row['kind']:>4}: {row['modes']} modes, error {100 * row['error']:.2f} %,"
-            f" residual {row['residual']:.3f}, {100 * inside:.0f} % inside, {row['seconds']:.0f} s,"
+            f" residual {row['residual']:.3f}, {'' if row['explained'] else 'not '}explained,"
+            f" {100 * inside:.0f} % inside, {row['seconds']:.0f} s,"
             f" ratios {text(row['met'])}, named {text(row['named'])},"
             f" terms off: {', '.join(row['wrong']) or 'none'}",
             flush=True,
@@ -192,7 +295,7 @@ def main(arguments=None):
     print(
         f"{two} of {given.count} with two modes; held-out error"
         f" {100 * np.mean([r['error'] for r in rows]):.2f} % in the mean; residual 0.97 to 1.05"
-        f" times the noise in {noise_alone};"
+        f" times the noise in {noise_alone}; explained {sum(row['explained'] for row in rows)};"
         f" {100 * inside.mean():.0f} % of {len(inside)} coefficients in their 95 % intervals;"
         f" structure exact in {len(exact)}, there {100 * np.mean(of_exact):.0f} %;"
         f" of {len(near)} that come near a ratio it is named in {named}, and invented in {invented}"

@@ -13,6 +13,7 @@ import romsindy as rs
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.measured import small_frequencies
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.record.ringing import tones_of
 from romsindy.regression.projection import HarmonicRows
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -467,6 +468,45 @@ def test_small_run_of_modes_that_are_told_apart(benchmark, capsys):
     for row in ("close", "driven"):
         benchmark.main(["--count", "1", "--seed", "1003", "--row", row])
         assert "two in 1 (1 at their frequencies)" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@benchmark_of("coupled")
+def test_a_force_on_two_coordinates_is_told_from_a_term_that_lacks(benchmark):
+    """Right terms under an unknown force are explained, and errors hold; one less not."""
+    _, values, shapes, decays, _ = benchmark.decays_of(9, "force")
+    decays = [decays[0].between(0.0, 0.4 * decays[0].t[-1])]
+    shown = benchmark.as_shown(values, shapes, np.argmax(np.abs(shapes), axis=0))
+    fit = benchmark.fitted(shown, decays)
+    off = [(fit.model.coefficients[k] - v) / fit.standard_errors[k] for k, v in shown.items()]
+    assert fit.verdict.explained and "forces that were not measured" in str(fit.verdict)
+    assert np.abs(off).max() < 3.5  # of ten once in 200
+    less = {name: value for name, value in shown.items() if name != "gamma_3 [q2]"}
+    assert not benchmark.fitted(less, decays).verdict.explained
+
+
+@benchmark_of("coupled")
+def test_stepped_motions_are_those_of_the_adaptive_method(benchmark):
+    """Without a force, to the fourth-order error of 80 steps a cycle of the fast coordinate."""
+    _, values, _, starts, _ = benchmark.drawn(2)
+    t = benchmark.sampled(values)[:400]
+    nothing = np.zeros(((len(t) - 1) * benchmark.INSIDE, 2))
+    own = benchmark.simulated(values, starts[0], t, nothing)
+    np.testing.assert_allclose(own, benchmark.simulated(values, starts[0], t), atol=1e-4)
+
+
+@benchmark_of("coupled")
+def test_vibrations_that_beat_are_heard_where_they_are_quieter(benchmark):
+    """Loud, neither keeps a frequency; later both have that of small motions, to some 1e-3."""
+    _, values, _, fitted, _ = benchmark.decays_of(9804)
+    heard = sorted(tones_of(fitted[1])[0], key=lambda v: v.small_frequency)
+    true = np.sqrt([values["omega^2 [q1]"], values["omega^2 [q2]"]]) / (2 * np.pi)
+    np.testing.assert_allclose([v.small_frequency for v in heard], true, rtol=2e-3)
+    tone, seconds = heard[0].tone, fitted[1].t[-1]
+    assert 0.2 * seconds < tone.start < tone.end < 1.001 * seconds
+    left = fitted[1].signal - sum(v(fitted[1].t) for v in heard)
+    late = fitted[1].t > tone.start
+    assert np.std(left[late]) < 0.1 * np.std(fitted[1].signal[late])  # phases are those of then
 
 
 WAY_BACK = "from 25 per cent of the decays on"

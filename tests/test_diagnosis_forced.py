@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
 from romsindy.diagnosis.arguments import checked_driven
-from romsindy.diagnosis.colour import ByNoises, ColourOfBest
+from romsindy.diagnosis.noise_of_best import ByNoises, NoiseOfBest
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
@@ -266,7 +266,7 @@ def test_an_effect_that_gains_nothing_on_the_held_out_record_is_dropped():
 
 def test_an_interrupt_keeps_what_was_compared(monkeypatch):
     """The simulation, its values as far as they came, and one candidate."""
-    fitted, calls = ColourOfBest.fitted, []
+    fitted, calls = NoiseOfBest.fitted, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -274,7 +274,7 @@ def test_an_interrupt_keeps_what_was_compared(monkeypatch):
             raise KeyboardInterrupt
         return fitted(*arguments)
 
-    monkeypatch.setattr(ColourOfBest, "fitted", interrupted)
+    monkeypatch.setattr(NoiseOfBest, "fitted", interrupted)
     report = rs.diagnose(model(), record(12, drag), catalogue=FEW)
     assert report.interrupted and report.verdict != "named" and len(report.compared) == 4
     assert report.sentence.startswith("Interrupted when 4 explanations were compared")

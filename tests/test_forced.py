@@ -13,6 +13,7 @@ from romsindy import ForcedVibration, identify, refine
 from romsindy.fit.fitted import _undetermined
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.predict import Sensors, predicted
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.input import Input
 from romsindy.show.plots import plot_forced_response
@@ -233,6 +234,12 @@ def test_a_free_run_predicts_the_rest(smooth):
     assert np.std(missed[50:]) < 1.5e-3 * np.std(q)  # 1e-3 is noise; the state has an error too
     with pytest.raises(ValueError, match="driven by"):
         refine(model(), first).predict(ForcedVibration(T, q, u, "m", inputs="base"), 50)
+
+
+def test_a_model_without_an_input_foretells_no_driven_record(smooth):
+    u, q, _ = smooth
+    with pytest.raises(ValueError, match=r"driven by \['force'\], and the model has no input"):
+        predicted(model(), Sensors(), ForcedVibration(T, q, u, unit="m"), 50)
 
 
 def test_a_linear_oscillator_under_a_multisine_has_its_transfer_function():

@@ -31,6 +31,19 @@ def regression(rng, values, least, refusable, noise=1.0):
     return Trials(halves, [0], [[1], [2], [3]], least, refusable)
 
 
+def test_states_are_eliminated_as_if_they_were_projected_out():
+    """Rows on what is perpendicular to the states have the same products, to rounding."""
+    rng = np.random.default_rng(1)
+    rows, at = rng.standard_normal((60, 6)), np.array([0.5, -1.0])
+    states = np.linalg.qr(rows[:, 2:5])[0]
+    alone = rows[:, [0, 1, 5]] - states @ (states.T @ rows[:, [0, 1, 5]])
+    one, other = Gram.of(rows, at), Gram.of_products(alone.T @ alone, at, 60)
+    np.testing.assert_allclose(one.matrix, other.matrix, rtol=1e-9)
+    np.testing.assert_allclose(one.right, other.right, rtol=1e-9)
+    # At their own values nothing is left but what the misfit was about them.
+    np.testing.assert_allclose(one.misfit([0, 1], at), np.sum(alone[:, 2] ** 2), rtol=1e-9)
+
+
 def test_a_sign_is_lifted_where_the_data_refuse_it_by_five_standard_errors():
     """A value of -0.2 is four standard errors of 1 / sqrt(400) off zero, -0.6 is twelve."""
     rng = np.random.default_rng(0)

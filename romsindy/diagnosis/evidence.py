@@ -249,8 +249,8 @@ class Hypothesis:
 
     The first ``n_unsure`` parts are values that the simulation is unsure of, all up to ``n_free``
     by default; those after them are fitted whatever the hypothesis. ``noise`` is what separates a
-    right model from the records: the `FormError` of decays, the `Colours` of driven records.
-    Hypotheses are compared by the same noise: see `at` and `ProcessNoise`, `ColourOfBest`.
+    right model from the records: the `FormError` of decays, the `Noises` of others.
+    Hypotheses are compared by the same noise: see `at` and `ProcessNoise`, `NoiseOfBest`.
     """
 
     solution: Solution

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import misfit_of
+from romsindy.diagnosis.noise_of_best import driven_instead
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.gauss_newton import Solution, fit

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.signal import welch
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
 from romsindy.diagnosis.held_out import followed, left_of
+from romsindy.diagnosis.noise_of_best import driven_instead
 from romsindy.diagnosis.report import Explained
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from romsindy.diagnosis.colour import ColourOfBest, driven_instead
 from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.noise_of_best import NoiseOfBest, driven_instead
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screened, strongest_tones
 from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of, with_textbook_exponent
 from romsindy.effects import look_alikes
@@ -32,7 +32,7 @@ class ResidualSearch(Search):
     """Looks for effects that a model lacks in records with inputs, those of the model known."""
 
     model: AnyModel
-    noise: ColourOfBest
+    noise: NoiseOfBest
     scales: Scales = field(kw_only=True)
     # What may stand instead of the inputs of the model
     chain: tuple[Part, ...] = field(kw_only=True)

@@ -24,10 +24,10 @@ from romsindy.diagnosis.arguments import (
     checked_driven,
     reduced,
 )
-from romsindy.diagnosis.colour import Coloured, ColourOfBest
 from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
+from romsindy.diagnosis.noise_of_best import NoiseOfBest
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport, report_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Options, smooth_model, unsure_parts
@@ -42,7 +42,6 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
@@ -55,9 +54,9 @@ from romsindy.fit.forced.drives import (
     latest,
     regressed,
 )
+from romsindy.fit.forced.independence import examine_decays
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.friction import smoothed
-from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.measured import free_offsets, small_frequencies
 from romsindy.fit.mode_shape import ModeShape
 from romsindy.fit.part import Part
@@ -177,7 +176,7 @@ def search_beside_inputs(
         gains = regressed(without_inputs(model).terms, others, records)[1].tolist()
         drives = drives_of(with_inputs(without_inputs(model), others, gains), records)
     beside = (*drives, free_offsets(records))
-    given = (model, records, unsure, options, ColourOfBest(), beside)
+    given = (model, records, unsure, options, NoiseOfBest(), beside)
     return ResidualSearch(*given, scales=scales, chain=_chain(model, records))
 
 
@@ -322,14 +321,8 @@ def _search(
     options = replace(options, catalogue=(*sought, *mains))
     gains = [Part(e, (), np.zeros((1, 1)), KNOWN_GAIN, KNOWN_GAIN) for e in mains]
     beside = (*free_shapes(records), *gains)
-    noise = ColourOfBest(_examined, Coloured.of, unsettled=True)
+    noise = NoiseOfBest(examine_decays, unsettled=True)
     return ResidualSearch(model, records, unsure, options, noise, beside, scales=largest, chain=())
-
-
-def _examined(
-    model: CoupledModel, solution: Solution, records: Sequence[CoupledRecord], false_alarm: float
-) -> Adequacy:
-    return examine(records, solution.residuals, solution.n_values, false_alarm)
 
 
 def _sought(

@@ -59,7 +59,7 @@ class Finding:
 class NoiseModel(Protocol):
     """How hypotheses are fitted, and by which noise they are weighed: `ProcessNoise` of decays.
 
-    Of driven records it is `ColourOfBest`, by ``among``, all that were fitted.
+    Of driven records it is `NoiseOfBest`, by ``among``, all that were fitted.
     """
 
     def fitted(

@@ -12,9 +12,11 @@ import numpy as np
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.dragged import dragged
+from romsindy.fit.forced.independence import by_values
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
+from romsindy.fit.noises import Noises
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
 from romsindy.fit.selection import Gram, Linearised, Trials
@@ -89,14 +91,18 @@ class Choice(NamedTuple):
 
 
 def choose(
-    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    choice: Choice,
+    noises: Sequence[Noises] = (),
 ) -> Stage | None:
     """What always takes part, and terms that gain on data that took no part, about the motions.
 
     Values are those of the linearised equations: where a fit is to start. None where the equations
-    have no motions near these.
+    have no motions near these. Whole records may be weighed by ``noises`` that are found in them.
     """
-    found = linearised(now, records, cycles, choice)
+    found = linearised(now, records, cycles, choice, noises)
     return found and _stage(found, found.trials.chosen(found.present), now)
 
 
@@ -126,7 +132,11 @@ def every_choice(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised |
 
 
 def linearised(
-    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    choice: Choice,
+    noises: Sequence[Noises] = (),
 ) -> Linearised | None:
     """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
@@ -143,10 +153,16 @@ def linearised(
     grams: dict[int, list[Gram]] = {}
     for i, record in enumerate(records):
         for piece in cut(record, cycles):
+            about = model, parts, i, piece, piece.motion
             with np.errstate(all="ignore"):
-                table = linear_table(model, parts, i, piece, piece.motion)[1]
+                products = by_values(*about)[1].weighed(noises[i]).products if noises else None
+                table = linear_table(*about)[1] if products is None else products
             if not np.all(np.isfinite(table)):
                 return None
+            if products is not None:
+                gram = Gram.of_products(products, start, len(piece.signal))
+                grams.setdefault(0, []).append(gram)
+                continue
             numbers = _parts(piece, record, i, len(records)) * choice.left_out
             for part in np.unique(numbers):
                 grams.setdefault(int(part), []).append(Gram.of(table[numbers == part], start))

@@ -23,6 +23,7 @@ from romsindy.fit.coupled_terms import KINDS, candidates, linear_model, linear_t
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
 from romsindy.fit.forced.modes import modes_of
+from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     NUMERICS,
     driven_among,
@@ -40,11 +41,8 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ridges import Ridge
-from romsindy.record.ringing import NEAR, names_of, ringing_in
+from romsindy.record.ringing import LOUD, NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
-
-# Of decays in which vibrations beat, so much is left out at their start.
-_LOUD = (0.25, 0.4)
 
 
 def identify_coupled(
@@ -124,6 +122,7 @@ def identify_coupled(
     records = _with_tones_of(stage.model, best.records, free)
     pieces = tuple(piece for record in records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
+    fit = examined(fit) if np.isinf(best.cycles) else fit
     model = replace(stage.model, values=fit.model.values)
     reached = replace(stage, model=model, shapes=fit.solution.parts[len(names) :])
     every = every_choice(reached, moved(pieces, fit.solution.motions))
@@ -172,7 +171,7 @@ def _from_quieter(
     decays: Sequence[Decay], count: int, fixed: Mapping[str, float], progress: Progress
 ) -> FittedPieces | None:
     """Where vibrations beat: the model of the quieter parts, followed back to the start."""
-    for part in _LOUD:
+    for part in LOUD:
         quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
         strongest = ringing_in(quieter)[:count]
         if len(strongest) < count or not _beat(strongest):

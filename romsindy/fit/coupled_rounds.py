@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.adequacy import examine
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import extended
 from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
+from romsindy.fit.forced.independence import Independence, by_noises, of_decays, told
 from romsindy.fit.friction import free_parts
+from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.selection import needed
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -39,11 +41,16 @@ class FittedPieces:
     """A stage fitted to pieces of the records."""
 
     stage: Stage
+    start: CoupledModel  # beside the parts of the solution
     records: tuple[CoupledRecord, ...]  # whole, with their noise, and the motions of the fit
     # Length of the pieces, in cycles of the slowest coordinate; infinite for whole records
     cycles: float
-    residuals: tuple[Array, ...]  # tuple of (c n,) arrays: what it leaves of every record
-    n_values: int  # fitted values, initial states of all pieces included
+    solution: Solution  # of whole records
+
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """What it leaves of every record, tuple of (c n,) arrays."""
+        return self.solution.residuals
 
     @property
     def left(self) -> float:
@@ -53,8 +60,19 @@ class FittedPieces:
     @cached_property
     def explained(self) -> bool:
         """Whether it leaves noise alone, of whole records."""
-        whole = np.isinf(self.cycles)
-        return whole and examine(self.records, self.residuals, self.n_values).explained
+        if np.isfinite(self.cycles) or told(self.heard):
+            return bool(np.isinf(self.cycles))
+        return by_noises(self.heard, self.solution, self.records, self.independence).explained
+
+    @cached_property
+    def heard(self) -> Adequacy:
+        """What it leaves, by the level of the noise."""
+        return examine(self.records, self.residuals, self.solution.n_values)
+
+    @cached_property
+    def independence(self) -> Independence:
+        """Whether what it leaves goes with the motion, and the noises that are found in it."""
+        return of_decays(self.start, self.solution, self.records)[0]
 
     def left_over(self, records: Sequence[CoupledRecord]) -> float:
         """The same over the noise of other records."""
@@ -149,14 +167,34 @@ def _whole(
 ) -> FittedPieces:
     """Fitted to the longest pieces that it follows, with the noise of the given records."""
     best = _grown(best, choice, progress)
-    if best.explained:
-        choice = choice._replace(left_out=False)
-        best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    if np.isinf(best.cycles):
+        best = _by_noises(best, choice._replace(left_out=False), progress)
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
     progress.keep(best)
     return best
+
+
+def _by_noises(best: FittedPieces, choice: Choice, progress: Progress) -> FittedPieces:
+    """With the terms that whole records ask for by the noises that are found in what is left.
+
+    By its level where it is loudest, noise with a colour hides terms. The last choice that explains
+    the records is taken, if there is one.
+    """
+    kept, now, tried = best, best, [best.stage]
+    while len(tried) <= _ROUNDS:
+        noises = () if told(now.heard) else now.independence.noises
+        start = choose(now.stage, now.records, np.inf, choice, noises)
+        if start is None or any(start.is_like(stage) for stage in tried):
+            break
+        tried.append(start)
+        progress.say(start.summary(len(choice.always)))
+        after = fitted(start, now.records, np.inf)
+        if after is None:
+            break
+        kept, now = after if after.explained else kept, after
+    return kept
 
 
 def _grown(best: FittedPieces, choice: Choice, progress: Progress) -> FittedPieces:
@@ -253,7 +291,7 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
         return None
     stage = replace(start, model=model, shapes=solution.parts[len(own) :])
     followed = moved(records, solution.motions)
-    return FittedPieces(stage, followed, cycles, solution.residuals, solution.n_values)
+    return FittedPieces(stage, base, followed, cycles, solution)
 
 
 def _has_masses(model: CoupledModel) -> bool:

@@ -50,7 +50,8 @@ _SLOPES = {"eps": 1e-3, "maxiter": 12}
 _MOVED = np.linalg.cholesky(np.linalg.inv([[1 / 3, 1 / 2], [1 / 2, 1.0]])).T
 
 
-class Noises(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Noises:
     """Sizes of all noises.
 
     ``force`` (R,) is the intensity of the force on each coordinate, (unit of q / s^2)^2 s,
@@ -69,7 +70,7 @@ class Noises(NamedTuple):
 
     def louder(self, by: float) -> Noises:
         """All of them so many times as large."""
-        return self._replace(force=self.force * by**2, sensor=self.sensor * by)
+        return replace(self, force=self.force * by**2, sensor=self.sensor * by)
 
 
 class WeighedProducts(NamedTuple):
@@ -266,7 +267,7 @@ def steady(noises: TwoNoises, left: Array, found: Noises) -> float:
     for quarter in np.array_split(np.arange(channels.shape[1]), _QUARTERS):
         first, last = int(quarter[0]), int(quarter[-1]) + 1
         own = noises.between(first, last).table(channels[:, first:last].reshape(-1, 1))
-        each = [own.weighed(found._replace(force=found.force * f)) for f in _OTHER]
+        each = [own.weighed(replace(found, force=found.force * f)) for f in _OTHER]
         costs.append([float(w.products[0, 0]) + w.log_determinant for w in each])
     each, together = np.min(costs, axis=1), np.sum(costs, axis=0)
     return float(chi2.sf(np.min(together) - np.sum(each), _QUARTERS - 1))

@@ -157,6 +157,11 @@ def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
     if isinstance(record, Decay):
         return without_inputs(model)
     names = dict.fromkeys(term.source for term in inputs_of(model))
+    if not names:
+        raise ValueError(
+            f"the record is driven by {list(record.names)}, and the model has no input: fit it to a"
+            " driven record as well, which tells the gain, or give a free decay"
+        )
     missing = [name for name in names if name not in record.names]
     if missing:
         raise ValueError(

@@ -92,10 +92,10 @@ def refine(
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
     found = refined(model, free, records, more, loss=loss, progress=progress)
+    if loss == "linear" and all(r.whole for r in records):
+        found = examined(found)  # the rest may be a force that nobody measured
     if model.numbered:
         return found
-    told = found.verdict.explained or loss != "linear" or not all(r.whole for r in records)
-    found = found if told else examined(found)  # the rest may be a force that nobody measured
     own = found.solution
     alone = cast(tuple[Record, ...], found.records)
     return found.with_form(form_of(cast(Any, found.start), own.parts, alone, own.motions))

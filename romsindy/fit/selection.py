@@ -38,22 +38,19 @@ class Gram(NamedTuple):
 
         The equations are for the values themselves; the rows were linearised at ``at``, (m,).
         """
-        m = len(at)
-        misfit = rows[:, -1] + rows[:, :m] @ at
-        matrix, right, power = (
-            rows[:, :-1].T @ rows[:, :-1],
-            rows[:, :-1].T @ misfit,
-            misfit @ misfit,
-        )
-        states = matrix[m:, m:]
-        by_values = solved(states, matrix[m:, :m])
-        own = solved(states, right[m:, None])[:, 0]
-        return cls(
-            matrix[:m, :m] - matrix[:m, m:] @ by_values,
-            right[:m] - matrix[:m, m:] @ own,
-            float(power - right[m:] @ own),
-            len(rows),
-        )
+        m, products = len(at), rows.T @ rows
+        kept, states = [*range(m), -1], slice(m, -1)
+        by_state = products[states][:, kept]
+        own = products[np.ix_(kept, kept)] - by_state.T @ solved(products[states, states], by_state)
+        return cls.of_products(own, at, len(rows))
+
+    @classmethod
+    def of_products(cls, products: Array, at: Array, n: int) -> Gram:
+        """From weighed products of such columns without states, (m + 1, m + 1)."""
+        turn = np.eye(len(products))
+        turn[:-1, -1] = at
+        own = turn.T @ products @ turn
+        return cls(own[:-1, :-1], own[:-1, -1], float(own[-1, -1]), n)
 
     @classmethod
     def sum(cls, several: Sequence[Gram]) -> Gram:

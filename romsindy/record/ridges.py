@@ -80,6 +80,12 @@ class Ridge(Track):
         rate = self.phase(t, 1) + np.imag(self.z(t, 1) / np.where(z == 0, 1.0, z))
         return self.phase(t) + np.unwrap(np.angle(z)), rate / (2 * np.pi), np.abs(z)
 
+    def later(self, seconds: float) -> Ridge:
+        """The same with times from so long before."""
+        phase, z = (BSpline(x.t + seconds, x.c, x.k) for x in (self.phase, self.z))
+        ends = self.start + seconds, self.end + seconds
+        return Ridge(self.t + seconds, self.frequency, self.amplitude, *ends, phase, z)
+
     def from_its_start(self) -> Ridge:
         """The same with what was fitted before the middle of the first window, too.
 

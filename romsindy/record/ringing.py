@@ -40,6 +40,8 @@ _LEFT, _BEATS, _FOLDS = (0.25, 0.12), 1.5, (3.0, 5.0)
 _FALLS = 0.1
 # Of their distance: what is as near to one of them is the same vibration.
 _SAME = 0.25
+# Of decays in which vibrations beat, so much is left out at their start, where nothing is followed.
+LOUD = (0.25, 0.4)
 # How far from the middle they may lie.
 _REACH = 0.1
 # Power of a line of what has another shape over the median of those round it: as of any vibration.
@@ -60,6 +62,26 @@ def tones_of(decay: Decay) -> list[list[Vibration]]:
 
 
 def _heard(decay: Decay) -> list[_Channel]:
+    """What rings in each channel, or where nothing is followed while it is loud, what does later.
+
+    Large, vibrations that beat move too much in frequency.
+    """
+    whole = _heard_in(decay)
+    if any(alone for alone, _ in whole):
+        return whole
+    for part in LOUD:
+        later = decay.between(decay.t[0] + part * (decay.t[-1] - decay.t[0]))
+        late, found = float(later.t[0] - decay.t[0]), _heard_in(later)
+        if any(alone for alone, _ in found):
+            return [(_later(alone, late), _later(others, late)) for alone, others in found]
+    return whole
+
+
+def _later(several: Sequence[Vibration], seconds: float) -> list[Vibration]:
+    return [replace(v, tone=v.tone.later(seconds)) for v in several]
+
+
+def _heard_in(decay: Decay) -> list[_Channel]:
     """What rings in each channel; where two vibrations ring as one they are told apart."""
     dt, signals = decay.dt, decay.signal.reshape(len(decay.t), -1)
     found = [_tones(x, dt, decay.derivative) for x in signals.T]

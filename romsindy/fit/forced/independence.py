@@ -11,34 +11,41 @@ noises found in it (`romsindy.fit.noises`): an F test of generalised least squar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
+from romsindy.effects.memory import MemoryEffect
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
-from romsindy.fit.gauss_newton import Solution, linear_table
-from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
+from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.linear_steps import Equation
-from romsindy.fit.noises import Noises, TwoNoises, found_noises, steady
+from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises, steady
+from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.fit.record import Prepared
 from romsindy.fit.together import tell_together
-from romsindy.fit.verdict import FADES, FALSE_ALARM
+from romsindy.fit.verdict import EXPLAINED, FADES, FALSE_ALARM
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import input_in
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # Powers of a coordinate and of its velocity that are tried: all of second and third order, and
 # those of fifth order that differ from them in their harmonics.
 _POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
 _SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _LATE = (-0.25, 0.25)  # cycles by which an input may act later
+# Of generalised least squares; by a step, what is left of chi-square is settled where it changes by
+# the second, and the motion goes astray where it grows by the third as a factor.
+_STEPS, _SETTLED, _FAR = 8, 0.05, 10.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,16 @@ class Independence:
     # Probability that a force which is noise differs as much between quarters of a decay
     steady: float
     excess: float  # chi-square of what is left, as in `Together`
+
+    @property
+    def fades(self) -> bool:
+        """Whether a force fades with a decay: that is no noise, it goes with the motion."""
+        return self.steady < FADES
+
+    @property
+    def chance(self) -> float:
+        """Probability that noise alone does what tells most against it."""
+        return self.steady if self.fades else self.p_value
 
 
 def examine_driven(
@@ -77,15 +94,13 @@ def judged(
     shown = [np.mean(n.shown**2) for n in found.noises]
     sensor = float(np.sqrt(np.average(shown, weights=counts)))
     force = np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard
-    # A force that fades with the decay is no noise: it goes with the motion.
-    fades = found.steady < FADES
     return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
-        p_value=found.steady if fades else found.p_value,
+        p_value=found.chance,
         # No more than is left: of what no weight is on, anything may go with them.
-        missing=max(min(found.missing, verdict.left) / heard, force * fades),
+        missing=max(min(found.missing, verdict.left) / heard, force * found.fades),
         like=found.like,
         sensor=sensor / heard,
         force=force,
@@ -99,6 +114,58 @@ def examine_independence(
     """Of a fit to records, given with their numbers among all of it."""
     tables = [Tried.of(model, solution, i, record) for i, record in records]
     return independence(tables, sum(part.size for part in solution.parts))
+
+
+def of_decays(
+    model: AnyModel, solution: Solution, records: Sequence[Prepared]
+) -> tuple[Independence, Solution | None]:
+    """What goes with the motion of decays in that which a fit leaves, and the noises in it.
+
+    It is looked for about the motions that forces move which nobody measured, those of the second
+    if there is one: about a simulation that they led far off, what they do would go with it.
+    """
+    pairs, noises = [*enumerate(records)], {}
+    for i, record in pairs:
+        fitted = model, solution.parts, i, record, solution.motions[i]
+        table = by_values(*fitted, solution.residuals[i])[1]
+        noises[i] = found_noises(table.noises, table.left)
+    moved = settled(model, solution, records, noises)
+    return examine_independence(model, moved or solution, pairs), moved
+
+
+def examine_decays(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
+    """What a hypothesis leaves of decays, by the noise that was heard, or that is found in it."""
+    heard = examine(records, solution.residuals, solution.n_values, false_alarm)
+    if told(heard) or not 0 < heard.part < np.inf:
+        return heard
+    return by_noises(heard, solution, records, of_decays(model, solution, records)[0])
+
+
+def by_noises(
+    heard: Adequacy, solution: Solution, records: Sequence[Prepared], found: Independence
+) -> Adequacy:
+    """The verdict by the noises that are found.
+
+    Where more than noise is left that which was heard says from which amplitude on. Decays without
+    noise tell the least of terms: there is no misfit that does not matter.
+    """
+    if found.chance < heard.false_alarm and not heard.explained:
+        return heard
+    size = examine_forced(records, solution.residuals, solution.n_values, heard.false_alarm)
+    return judged(size, found, [*enumerate(records)])
+
+
+def told(heard: Adequacy) -> bool:
+    """Whether the level of the noise of decays explains them: it is that where they ring.
+
+    Where much less is left, noise has a colour, and its level may hide what is missing.
+    """
+    return heard.explained and heard.ratio * EXPLAINED > 1
 
 
 def independence(tables: Sequence[Tried], n_values: int) -> Independence:
@@ -219,3 +286,119 @@ def _late(
             if term.source in record.inputs:
                 values = record.inputs[term.source].at(t, other)
             yield name, values / max(float(np.abs(values).max()), 1e-300)
+
+
+# -- what forces that nobody measured move ---------------------------------------------------------
+
+
+def by_values(
+    model: AnyModel,
+    parts: tuple[Part, ...],
+    i: int,
+    record: Prepared,
+    motion: Trajectory,
+    left: Array | None = None,
+) -> tuple[Response, NoiseTable]:
+    """Response of a motion in record i to all values, and its samples, to be weighed by noises.
+
+    Columns are the derivatives by the values that act there, and ``left`` (c n,): by default what
+    the motion leaves where it leads.
+    """
+    response, rows = linear_table(model, parts, i, record, motion)
+    rows *= record.white[:, None]  # they come over white noise
+    last = rows[:, -1] if left is None else left
+    two = TwoNoises.along(equation_of(model, parts, i, record), parts, i, record, motion)
+    columns = rows[:, : len(columns_of(parts, i))]
+    return response, two.table(np.column_stack([columns, last]))
+
+
+def settled(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    noises: Mapping[int, Noises],
+) -> Solution | None:
+    """The same by generalised least squares; ``noises`` are those of records, by their number.
+
+    Steps of Gauss and Newton about the most likely motions, which the forces move; residuals are
+    those of the motions without them. None where the steps do not settle or have no motion, and
+    where forces remember.
+    """
+    parts, motions, last = solution.parts, solution.motions, np.inf
+    if any(isinstance(p.effect, MemoryEffect) for p in parts):  # it would remember what they move
+        return None
+    for _ in range(_STEPS):
+        try:
+            with np.errstate(all="ignore"):
+                step = _Step.about(model, records, parts, motions, noises)
+        except LinAlgError:  # beyond what numbers hold
+            return None
+        if not step.left < _FAR * last:
+            return None
+        parts, motions = step.parts, step.motions
+        if abs(last - step.left) < _SETTLED:
+            return Solution(parts, motions, step.residuals, step.left, step.covariance, True)
+        last = step.left
+    return None
+
+
+class _Step(NamedTuple):
+    """Where a step leads, the covariance of the values, the chi-square that it leaves, and what the
+    motion leaves without forces."""
+
+    parts: tuple[Part, ...]
+    motions: tuple[Trajectory, ...]
+    covariance: Array
+    left: float
+    residuals: tuple[Array, ...]
+
+    @classmethod
+    def about(
+        cls,
+        model: AnyModel,
+        records: Sequence[Prepared],
+        parts: tuple[Part, ...],
+        motions: Sequence[Trajectory],
+        noises: Mapping[int, Noises],
+    ) -> _Step:
+        n_values = sum(p.size for p in parts)
+        system = NormalEquations(n_values, len(motions), n_coordinates=model.n_coordinates)
+        ways, left = [], []
+        for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+            where = columns_of(parts, i)
+            if i in noises:
+                response, table = by_values(model, parts, i, record, motion)
+                system.add_products(where, table.weighed(noises[i]).products)
+                ways.append(partial(_driven, response, where, table, noises[i]))
+                left.append(table.left)
+            else:
+                response, rows = linear_table(model, parts, i, record, motion)
+                where = np.append(where, system.states_of(i))
+                system.add(where, rows)
+                ways.append(partial(_free, response, where))
+                left.append(rows[:, -1] * record.white)
+        system.add_priors(parts)
+        if not system.finite:
+            raise LinAlgError("the motion goes astray")
+        step = system.bounded_step(np.zeros(n_values, bool), *limits(parts))
+        return cls(
+            moved_parts(parts, step[:n_values]),
+            tuple(way(step) for way in ways),
+            system.covariance()[:n_values, :n_values],
+            system.chi_squared(step),
+            tuple(left),
+        )
+
+
+def _free(response: Response, where: Indices, step: Array) -> Trajectory:
+    return response.moved(np.concatenate([[1.0], step[where]]))
+
+
+def _driven(
+    response: Response, where: Indices, table: NoiseTable, noises: Noises, step: Array
+) -> Trajectory:
+    """With what forces that were not measured move."""
+    states = table.states(noises) @ np.append(-step[where], 1.0)
+    at_start = np.zeros(2 * response.q.shape[1])
+    motion = response.moved(np.concatenate([[1.0], step[where], at_start]))
+    return table.noises.moved(motion, states)

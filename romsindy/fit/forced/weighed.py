@@ -16,30 +16,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory, TrajectoryError
-from romsindy.fit.equation import equation_of
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
-from romsindy.fit.forced.independence import examine_independence, judged
+from romsindy.fit.forced.independence import (
+    Independence,
+    examine_independence,
+    judged,
+    of_decays,
+    settled,
+    told,
+)
+from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.gauss_newton import fit as follow
-from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
-from romsindy.fit.linear_response import Response
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of
+from romsindy.fit.noises import Noises
+from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
 from romsindy.fit.shooting import resimulated
-from romsindy.typing import Array, Indices
-
-_STEPS = 8
-_SETTLED = 0.05  # of chi-square, by a step
+from romsindy.typing import Array
 
 
 def examined(fit: Fit) -> Fit:
@@ -50,17 +48,27 @@ def examined(fit: Fit) -> Fit:
     """
     driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     pairs = driven or [*enumerate(fit.records)]
+    if not driven and told(fit.verdict):
+        return fit
     if not 0 < _size(fit, pairs).part < np.inf:
         return fit  # there is no motion, or nothing is left
-    found = examine_independence(fit.start, fit.solution, pairs)
-    first = judged(_size(fit, pairs), found, pairs)
-    # Decays without noise tell the least of terms: there is no misfit that does not matter.
-    if not driven and found.p_value < first.false_alarm:
-        return fit
-    if first.structured:
-        return replace(fit, verdict=first) if driven else fit
-    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
+    if driven:
+        found = examine_independence(fit.start, fit.solution, pairs)
+        first = judged(_size(fit, pairs), found, pairs)
+        if first.structured:
+            return replace(fit, verdict=first)
+        moved = settled(fit.start, fit.solution, fit.records, _by_record(pairs, found))
+    else:
+        found, moved = of_decays(fit.start, fit.solution, fit.records)
+        if found.chance < fit.verdict.false_alarm and not fit.verdict.explained:
+            return fit
+    if moved is not None:
+        fit = _weighed(fit, moved, _by_record(pairs, found))
     return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
+
+
+def _by_record(pairs: Sequence[tuple[int, Prepared]], found: Independence) -> dict[int, Noises]:
+    return {i: own for (i, _), own in zip(pairs, found.noises, strict=True)}
 
 
 def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
@@ -71,37 +79,19 @@ def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
     return examine_forced(records, left, fit.solution.n_values)
 
 
-def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
-    """The same by generalised least squares; ``noises`` are those of records, by their number.
-
-    Steps of Gauss and Newton about the most likely motions, which the forces move. Where they do
-    not settle or have no motion, and where forces remember, the fit stays as it is.
-    """
-    if fit.model.memories:  # what a force moves would be remembered
-        return fit
-    parts, motions, last = fit.solution.parts, fit.solution.motions, np.inf
-    for _ in range(_STEPS):
-        try:
-            step = _Step.about(fit, parts, motions, noises)
-        except LinAlgError:  # forces that grow beyond what numbers hold
-            return fit
-        parts, motions = step.parts, step.motions
-        if abs(last - step.left) < _SETTLED:
-            break
-        last = step.left
-    else:
-        return fit
-    found = follow(fit.start, parts, fit.records, motions, fixed=True)
+def _weighed(fit: Fit, moved: Solution, noises: Mapping[int, Noises]) -> Fit:
+    """A fit with the values of one that forces move; as it is where that cannot be simulated."""
+    parts = moved.parts
+    found = follow(fit.start, parts, fit.records, moved.motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            ended = replace(fit.solution, parts=parts, motions=motions)
-            found = resimulated(fit.start, ended, fit.records)
+            found = resimulated(fit.start, moved, fit.records)
         except TrajectoryError:
             return fit
     own = fit.model.terms[: len(fit.start.terms)]
     model = replace(fit.model, terms=own, values=fit.start.values)
     both = [_of_inputs(part, fit.records, noises) for part in parts]
-    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
+    found = replace(found, covariance=moved.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
 
 
@@ -121,60 +111,3 @@ def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noi
             noisy.append(min(1.0, float(np.min(weights @ noise.force / power))))
     change[: len(gain)] = float(np.mean(noisy)) * np.abs(gain)
     return change
-
-
-class _Step(NamedTuple):
-    """Where a step leads, the covariance of the values, and the chi-square that it leaves."""
-
-    parts: tuple[Part, ...]
-    motions: tuple[Trajectory, ...]
-    covariance: Array
-    left: float
-
-    @classmethod
-    def about(
-        cls,
-        fit: Fit,
-        parts: tuple[Part, ...],
-        motions: Sequence[Trajectory],
-        noises: Mapping[int, Noises],
-    ) -> _Step:
-        n_values = sum(p.size for p in parts)
-        system = NormalEquations(n_values, len(motions), n_coordinates=fit.start.n_coordinates)
-        ways = []
-        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-            response, rows = linear_table(fit.start, parts, i, record, motion)
-            where = columns_of(parts, i)
-            if i in noises:
-                equation = equation_of(fit.start, parts, i, record)
-                two = TwoNoises.along(equation, parts, i, record, motion)
-                own = rows[:, [*range(len(where)), -1]]
-                table = two.table(own * record.white[:, None])  # they come over white noise
-                system.add_products(where, table.weighed(noises[i]).products)
-                ways.append(partial(_driven, response, where, table, noises[i]))
-            else:
-                where = np.append(where, system.states_of(i))
-                system.add(where, rows)
-                ways.append(partial(_free, response, where))
-        system.add_priors(parts)
-        step = system.bounded_step(np.zeros(n_values, bool), *limits(parts))
-        return cls(
-            moved_parts(parts, step[:n_values]),
-            tuple(way(step) for way in ways),
-            system.covariance()[:n_values, :n_values],
-            system.chi_squared(step),
-        )
-
-
-def _free(response: Response, where: Indices, step: Array) -> Trajectory:
-    return response.moved(np.concatenate([[1.0], step[where]]))
-
-
-def _driven(
-    response: Response, where: Indices, table: NoiseTable, noises: Noises, step: Array
-) -> Trajectory:
-    """With what forces that were not measured move."""
-    states = table.states(noises) @ np.append(-step[where], 1.0)
-    at_start = np.zeros(2 * response.q.shape[1])
-    motion = response.moved(np.concatenate([[1.0], step[where], at_start]))
-    return table.noises.moved(motion, states)

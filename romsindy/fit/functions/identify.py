@@ -111,9 +111,8 @@ def identify_decays(
         plain = _settled(series, windows_of(records), records, known, say)
         rng = np.random.default_rng(seed)
         richest, others = _with_forces(plain, say)
-        if richest is not plain:  # what was process noise may have been this force
-            windows, known = richest.windows, richest.known
-            richest, others = _settled(richest.series, windows, records, known, say), []
+        if richest is not plain:
+            richest, others = _settled_again(richest, say), []
         told = _explained(richest) or not all(r.whole for r in records)
         starts = [] if told else dict.fromkeys([plain, richest])
         found = _under_a_force(starts, say) or _simpler(richest, say)
@@ -162,6 +161,18 @@ def _settled(
             " all of them; cut the record with start= and end=, or isolate another mode"
         )
     return _again(found, found.series, level, say)
+
+
+def _settled_again(richest: Fitted, say: Callable) -> Fitted:
+    """With the process noise that is left beside its forces: they may have been taken for it.
+
+    The fit stands where windows with less of it lead astray: another force may move them.
+    """
+    try:
+        return _settled(richest.series, richest.windows, richest.records, richest.known, say)
+    except TrajectoryError as trouble:
+        say(f"as it was: {trouble}")
+        return richest
 
 
 def _scales(records: Sequence[Record]) -> Magnitudes:

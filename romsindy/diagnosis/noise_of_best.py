@@ -1,39 +1,34 @@
-"""Hypotheses by the noise that the best of them leaves.
+"""Hypotheses by the noises that the best of them leaves.
 
 Where the noise starts in a driven record, or in channels in which several coordinates ring, is not
-known beforehand: what the best explanation leaves stands for it. In driven records it is that of
-the sensor and of forces that were not measured; of several coordinates an autoregression makes it
-white, and the misfits of all others alike.
+known beforehand: what the best explanation leaves stands for it, noise of the sensors and forces
+that were not measured.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.independence import examine_driven
-from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
+from romsindy.fit.forced.independence import by_values, examine_driven
+from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts
+from romsindy.fit.noises import Noises, NoiseTable, found_noises
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Prepared
 from romsindy.fit.shooting import resimulated
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
-from romsindy.record.prediction import autoregression
 from romsindy.typing import Array, Indices
 
 _CHECKS = 8  # iterations, to see what values that did not settle leave
@@ -43,87 +38,14 @@ _SETTLED, _UNSETTLED = 16, 60
 
 
 @dataclass(frozen=True, eq=False)
-class Colour:
-    """Noise as an autoregression: its filter, and the standard deviation of what drives it."""
-
-    filter: Array
-    std: float
-
-    @classmethod
-    def of(cls, residual: Array) -> Colour:
-        """That of what is left of a record, (n,)."""
-        a = autoregression(residual - residual.mean())
-        driven = lfilter(a, [1.0], residual - residual.mean())[len(a) :]
-        return cls(a, float(np.std(driven)))
-
-    def whitened(self, rows: Array) -> Array:
-        """Rows (n, m), white and over the noise."""
-        return lfilter(self.filter, [1.0], rows, axis=0) / self.std
-
-
-Colours = tuple[Colour, ...]  # of the channels of all records
-
-
-@dataclass(frozen=True, eq=False)
-class Coloured:
-    """What a fit to decays of several coordinates says of its values by noise of any colour.
-
-    ``rows`` are derivatives of the reading of each channel of each record and its misfit, over the
-    noise, at the ``places`` of the values; ``system`` is empty.
-    """
-
-    n_values: int
-    system: NormalEquations
-    places: tuple[Indices, ...]
-    rows: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Coloured:
-        """Linearise a fit about its motion."""
-        n_values = sum(p.size for p in solution.parts)
-        parts, rows, places = solution.parts, [], []
-        system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
-        for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            table = linear_table(model, parts, i, record, motion)[1]
-            # A step further may lead astray where the motion is sensitive.
-            table[:, -1] = record.whitened(solution.residuals[i])
-            channels = np.split(table, len(table) // len(record.t))
-            rows += channels
-            where = np.concatenate([columns_of(parts, i), system.states_of(i)])
-            places += [where] * len(channels)
-        return cls(n_values, system, tuple(places), tuple(rows))
-
-    @cached_property
-    def needed(self) -> Colours:
-        """The colours of what it leaves itself."""
-        return tuple(Colour.of(rows[:, -1]) for rows in self.rows)
-
-    def excess(self, noise: Colours) -> float:
-        """None: what is left is white by its own colour."""
-        return 1.0
-
-    def solved(self, solution: Solution, noise: Colours) -> Solved:
-        """The fit by noise of these colours, its own where none are given."""
-        parts, n = solution.parts, self.n_values
-        system, misfit = deepcopy(self.system), prior_cost(parts)
-        for where, rows, colour in zip(self.places, self.rows, noise or self.needed, strict=True):
-            white = colour.whitened(rows)
-            system.add(where, white)
-            misfit += float(white[:, -1] @ white[:, -1])
-        system.add_priors(parts)
-        return Solved(system, misfit, parts, system.covariance()[:n, :n])
-
-
-@dataclass(frozen=True, eq=False)
 class ByNoises:
-    """The same by both noises: of the sensors, and forces that were not measured.
+    """What a fit says of its values by noises of the sensors, and forces that were not measured.
 
     ``tables`` are derivatives of the reading of each record and its misfit, at the ``places`` of
     the values; states at the start are those that the forces allow.
     """
 
     n_values: int
-    system: NormalEquations
     places: tuple[Indices, ...]
     tables: tuple[NoiseTable, ...]
 
@@ -133,14 +55,9 @@ class ByNoises:
         parts, places, tables = solution.parts, [], []
         n_values = sum(p.size for p in parts)
         for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            where = columns_of(parts, i)
-            rows = linear_table(model, parts, i, record, motion)[1][:, : len(where)]
-            rows = rows * record.white[:, None]  # they come over white noise
-            equation = equation_of(model, parts, i, record)
-            two = TwoNoises.along(equation, parts, i, record, motion)
-            tables.append(two.table(np.column_stack([rows, solution.residuals[i]])))
-            places.append(where)
-        return cls(n_values, NormalEquations(n_values, 0), tuple(places), tuple(tables))
+            tables.append(by_values(model, parts, i, record, motion, solution.residuals[i])[1])
+            places.append(columns_of(parts, i))
+        return cls(n_values, tuple(places), tuple(tables))
 
     @cached_property
     def needed(self) -> tuple[Noises, ...]:
@@ -153,7 +70,7 @@ class ByNoises:
 
     def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
         """The fit by these noises, its own where none are given."""
-        parts, system = solution.parts, deepcopy(self.system)
+        parts, system = solution.parts, NormalEquations(self.n_values, 0)
         for where, table, own in zip(self.places, self.tables, noise or self.needed, strict=True):
             system.add_products(where, table.weighed(own).products)
         system.add_priors(parts)
@@ -174,13 +91,11 @@ class ByNoises:
 
 
 @dataclass(frozen=True)
-class ColourOfBest:
+class NoiseOfBest:
     """All by the noise that the one leaves that fits best, of all that were fitted so far."""
 
     # What says whether a solution leaves noise: of driven records, or of decays
     examine: Callable[..., Adequacy] = examine_driven
-    # What makes a fit ready to be weighed by any noise, of a model, a solution and records
-    linearised: Callable[..., ByNoises | Coloured] = ByNoises.of
     # Whether a fit that has not come to its end counts for what it reached: where one of several
     # coordinates stops while others go on, friction lets none settle
     unsettled: bool = False
@@ -247,7 +162,7 @@ class ColourOfBest:
                 with suppress(TrajectoryError):  # then nothing is said of it
                     s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
-        weighed = self.linearised(model, s, records) if there else None
+        weighed = ByNoises.of(model, s, records) if there else None
         return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
 
 
