@@ -20,19 +20,14 @@ from romsindy.physics.memory import Memory
 from romsindy.typing import Array
 
 _SMALL = 1e-6  # of the motion: a change by which derivatives are taken
-# Of the largest velocity, below which friction turns round smoothly under an input: where it holds
-# what an input pulls at, the velocity hardly changes over a step, and the force would jump.
-_CREEP = 7e-3
 
 
 def equation_of(
     model: AnyModel, parts: Sequence[Part], number: int, record: Prepared
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
-    motion = record.motion
-    creep = tuple(_CREEP * record.driven * np.abs(motion.q_dot).max(axis=0))
-    given = (model, tuple(parts), number, motion.grid.step, record.clock)
-    return ExtendedEquation(*given, inputs=record.inputs, creep=creep)
+    given = (model, tuple(parts), number, record.motion.grid.step, record.clock)
+    return ExtendedEquation(*given, inputs=record.inputs, creep=record.creep)
 
 
 @dataclass(frozen=True)
@@ -51,7 +46,7 @@ class ExtendedEquation:
     clock: float  # at the start of the record, s
     memories: tuple[Memory | None, ...] = ()  # of parts beside the model; none where it begins
     inputs: Mapping[str, SampledInput] | None = None  # that were measured
-    creep: tuple[float, ...] = ()  # velocity of each coordinate below which friction is smooth
+    creep: float = 0.0  # velocity below which friction turns round smoothly
 
     @cached_property
     def _beside(self) -> dict[int, Part]:
@@ -80,8 +75,7 @@ class ExtendedEquation:
     ) -> State:
         """What the effects on one coordinate take, (n,) each, from (n, R) states."""
         own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
-        rate, creep = self.rates[coordinate], self.creep[coordinate] if self.creep else 0.0
-        beside = (rate, None, self.clock, self.inputs, creep)
+        beside = (self.rates[coordinate], None, self.clock, self.inputs, self.creep)
         return State(t, own[0], own[1], own[2], self.step, *beside)
 
     def forces(self, effect: Effect, *motion: Array) -> Array | None:

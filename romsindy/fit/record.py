@@ -46,6 +46,7 @@ class Prepared(ABC):
     motion: Trajectory  # smooth displacement of the coordinates, from which a fit starts
     tones: tuple[Ridge, ...] = ()  # the fundamentals of several coordinates that ring
     since: float = 0.0  # where it starts in the record that it is a piece of, s
+    creep: float = 0.0  # velocity over which dry friction turns round in its motions
 
     @property
     def t(self) -> Array:

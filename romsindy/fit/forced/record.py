@@ -38,6 +38,7 @@ class ForcedRecord(Prepared):
     # Smooth displacement on the steps of the simulation; times from the start of the record
     motion: Trajectory
     sampled: dict[str, Sampled]  # the measured inputs by name
+    creep: float = 0.0
 
     @classmethod
     def of(
