@@ -167,8 +167,11 @@ def _whole(
 ) -> FittedPieces:
     """Fitted to the longest pieces that it follows, with the noise of the given records."""
     best = _grown(best, choice, progress)
-    if np.isinf(best.cycles):
-        best = _by_noises(best, choice._replace(left_out=False), progress)
+    choice = choice._replace(left_out=False)
+    if np.isinf(best.cycles) and told(best.heard):
+        best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    elif np.isinf(best.cycles):
+        best = _by_noises(best, choice, progress)
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
@@ -184,8 +187,7 @@ def _by_noises(best: FittedPieces, choice: Choice, progress: Progress) -> Fitted
     """
     kept, now, tried = best, best, [best.stage]
     while len(tried) <= _ROUNDS:
-        noises = () if told(now.heard) else now.independence.noises
-        start = choose(now.stage, now.records, np.inf, choice, noises)
+        start = choose(now.stage, now.records, np.inf, choice, now.independence.noises)
         if start is None or any(start.is_like(stage) for stage in tried):
             break
         tried.append(start)
