@@ -24,8 +24,8 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 from romsindy.diagnosis.on_beam.workflow import calibrated
 from romsindy.effects import AtPoint, Damper
 from romsindy.effects.base import Scales
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.record.signals import with_noise
 
 PLACES = (0.12, 0.2, 0.28, 0.36, 0.45)

@@ -12,11 +12,11 @@ from scipy.stats import multivariate_normal
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
-from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.posterior import _inside, _positive, draw
+from romsindy.fit.functions.prior import lifted, nearest
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
-from romsindy.fit.measured import prepared
+from romsindy.fit.records.measured import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
 

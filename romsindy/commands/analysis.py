@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.identify import identify
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay

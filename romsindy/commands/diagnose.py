@@ -41,7 +41,7 @@ from romsindy.commands.outputs import (
 from romsindy.diagnosis.diagnose import diagnose as run_diagnosis
 from romsindy.diagnosis.difference import KINDS
 from romsindy.diagnosis.on_beam.report import BeamReport
-from romsindy.fit.estimate import Estimate
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.equations import inputs_of

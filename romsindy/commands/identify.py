@@ -26,9 +26,9 @@ from romsindy.commands.options import (
 )
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import Result
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.forced.held_out import HeldOut, without_end
-from romsindy.fit.forced.terms import stiffness_to
+from romsindy.fit.forced.identify import stiffness_to
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.results.held_out import HeldOut, without_end
 from romsindy.fit.verdict import CURVATURE
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together

@@ -10,8 +10,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
+from romsindy.fit.results.estimate import Estimate
 from romsindy.physics.coupled import AnyModel, model_from_json
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.term_sum import read_json

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from romsindy.commands.outputs import writing
-from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.coupled import AnyModel
 from romsindy.show.identified import Identified

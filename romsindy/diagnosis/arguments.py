@@ -12,12 +12,12 @@ from scipy.ndimage import uniform_filter1d
 from romsindy.beam import Beam
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import (
     ABOVE_NOISE,
     EXPLAINED,

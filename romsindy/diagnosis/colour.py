@@ -20,14 +20,14 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.independence import examine_driven
-from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, prior_cost
-from romsindy.fit.record import Prepared
+from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.independence import examine_driven
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import fit, linear_table
+from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_noises
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts, prior_cost
+from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
 from romsindy.record.prediction import autoregression

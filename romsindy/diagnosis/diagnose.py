@@ -40,12 +40,11 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.effects.choices import sought
-from romsindy.fit.coefficient import Coefficient, extended
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.fitted import Fit
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Coefficient, Part, Solution, extended
+from romsindy.fit.records.record import Record, scales
+from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ONE_MODE, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.equations import Equations

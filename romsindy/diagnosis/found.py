@@ -9,8 +9,7 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
-from romsindy.fit.coefficient import Coefficient
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.verdict import NAMED_ABOVE
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array

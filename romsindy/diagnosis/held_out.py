@@ -22,9 +22,10 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part, Solution
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array

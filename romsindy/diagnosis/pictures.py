@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline

@@ -21,9 +21,10 @@ from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel

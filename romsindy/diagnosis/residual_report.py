@@ -21,14 +21,13 @@ from romsindy.diagnosis.report import Explained
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.coefficient import extended
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.forced.sampled import Sampled
-from romsindy.fit.record import Prepared
+from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.part import extended
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.driven import ForcedRecord, Sampled
 from romsindy.fit.verdict import AS_GOOD, CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel

@@ -16,7 +16,7 @@ from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED, WORTH
 from romsindy.physics.coupled import AnyModel
 

@@ -34,7 +34,7 @@ from romsindy.diagnosis.search import Options, smooth_model, unsure_parts
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.effects.choices import looked_for
+from romsindy.effects.choices import Kind, candidates, looked_for
 from romsindy.effects.drive import (
     InputBetweenSamples,
     InputDelay,
@@ -42,12 +42,7 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_terms import Kind, candidates
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.forced.between_samples import rated, ways
+from romsindy.fit.adequacy.decays import Adequacy, examine
 from romsindy.fit.forced.drives import (
     drives_of,
     freed,
@@ -55,12 +50,15 @@ from romsindy.fit.forced.drives import (
     latest,
     regressed,
 )
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.friction import smoothed
-from romsindy.fit.gauss_newton import Solution
-from romsindy.fit.measured import free_offsets, small_frequencies
-from romsindy.fit.mode_shape import ModeShape
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.hypothesis import smoothed
+from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, Solution, in_place
+from romsindy.fit.records.arguments import small_frequencies
+from romsindy.fit.records.between_samples import rated, ways
+from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.measured import free_offsets
+from romsindy.fit.records.mode_shape import ModeShape
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.coupling import Along

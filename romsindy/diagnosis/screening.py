@@ -17,12 +17,13 @@ from scipy.fft import next_fast_len
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.outside import HIGHEST
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.equation import ExtendedEquation, equation_of
-from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, in_orders, read
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
+from romsindy.fit.kernel.linear_response import nodes, respond, sampled
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, columns_of, in_orders, read
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.signals import vertex

@@ -20,10 +20,8 @@ from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.coefficient import Coefficient
-from romsindy.fit.gauss_newton import Solution
-from romsindy.fit.part import Part
+from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.kernel.part import Coefficient, Part, Solution
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel

@@ -16,9 +16,9 @@ from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.effects.base import Effect
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SURE
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel

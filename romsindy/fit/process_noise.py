@@ -22,20 +22,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
-from romsindy.fit.coefficient import LINEAR, Coefficient
-from romsindy.fit.collocation import Trajectory, TrajectoryError
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.form import SIGMAS, Form, as_coefficients, grown, scatter
-from romsindy.fit.gauss_newton import Solution, fit, held_values, limits, moved_parts, table
-from romsindy.fit.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of
-from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT, FALSE_ALARM, SAME_DAMPING, SAME_FREQUENCY
+from romsindy.fit.form import grown
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.gauss_newton import table
+from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, columns_of, held_values, limits, moved_parts
+from romsindy.fit.records.record import Record
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
-from romsindy.text import percent
 from romsindy.typing import Array, Indices
 
 # Departures are alike over so many e-folds of the amplitude.
@@ -287,61 +284,3 @@ class Departures:
             if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
                 break
         return found
-
-
-class _Own(Coefficient):
-    """Another value of a coefficient in each record."""
-
-    per_record = True
-
-
-def form_of(
-    model: ReducedModel,
-    parts: tuple[Part, ...],
-    records: Sequence[Record],
-    motions: Sequence[Trajectory],
-) -> Form:
-    """What records say of an equation that was fitted to them; nothing where it goes astray.
-
-    Where there are several, each has a frequency and a damping of its own beside the common values.
-    """
-    moved = Form()
-    try:
-        if len(records) > 1:
-            own = tuple(Part(_Own(law), (), np.zeros((len(records), 1))) for law in LINEAR)
-            found = fit(model, (*parts, *own), records, motions)
-            if found.finite:
-                moved, parts, motions = _moved(found, records), found.parts, found.motions
-        pairs = enumerate(zip(records, motions, strict=True))
-        windows = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
-    except TrajectoryError:
-        return moved
-    return moved._replace(departure=Marginal.of(parts, windows).allowed())
-
-
-def _loss(record: Record) -> float:
-    """Damping ratio, by the amplitudes at begin and end."""
-    first, *_, last = np.hypot(record.motion.q[:, 0], record.motion.q_dot[:, 0] / record.rate)
-    turned = float(np.ptp(record.phase(record.t[[0, -1]])))
-    return float(abs(np.log(first / last))) / turned
-
-
-def _moved(found: Solution, records: Sequence[Record]) -> Form:
-    """From the linear stiffness and damping of each record, the last two parts of a fit."""
-    n, damping = len(records), float(np.mean([_loss(r) for r in records]))
-    unit = as_coefficients(1.0, 1.0, float(np.mean([r.rate for r in records])))[:, None]
-    variance = np.diag(found.covariance)[-2 * n :].reshape(2, n) / unit**2
-    moves = np.array([p.strengths[:, 0] for p in found.parts[-2:]]) / unit
-    moves -= moves.mean(axis=1, keepdims=True)
-    if np.sum(moves**2 / variance) < chi2.isf(FALSE_ALARM, 2 * (n - 1)):
-        return Form()
-    # Two tests differ by the root of two times their scatter, and by two of these at most.
-    usual = np.array([SAME_FREQUENCY, SAME_DAMPING * damping]) / (np.sqrt(2) * SIGMAS)
-    frequency, loss = (scatter(*x) for x in zip(moves, variance, usual, strict=True))
-    seen = np.std(moves, axis=1, ddof=1)
-    note = (
-        f"the records disagree: from one to another the frequency moves by {percent(seen[0])} and"
-        f" the damping by {percent(seen[1] / damping)} (standard deviations of {n} records); the"
-        " band of a forecast counts it"
-    )
-    return Form(0.0, frequency, loss, note)

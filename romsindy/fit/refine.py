@@ -1,9 +1,9 @@
 """Fit a model by simulation: the simulated motion follows the measured one over the whole decay.
 
-Regression takes noisy displacements as its regressors, and noise there biases what it finds.
-Here all noise is on one side: that of the measurement. The fit starts from the measured motion,
-smoothed (`romsindy.fit.gauss_newton`), so that the phase is never a cycle off, and ends with exact
-motions (`romsindy.fit.shooting`).
+Regression takes noisy displacements as its regressors, and noise there biases what it finds. Here
+all noise is on one side: that of the measurement. The fit starts from the measured motion, smoothed
+(`romsindy.fit.kernel.gauss_newton`), so that the phase is never a cycle off, and ends with exact
+motions (`romsindy.fit.kernel.shooting`).
 """
 
 from __future__ import annotations
@@ -11,28 +11,25 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, cast
 
-from romsindy.fit.coefficient import LINEAR
-from romsindy.fit.coupled_record import coupled_records, free_shapes
-from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
 from romsindy.fit.forced.weighed import examined
-from romsindy.fit.measured import (
-    NUMERICS,
+from romsindy.fit.kernel.part import LINEAR, Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import LOSSES
+from romsindy.fit.records.arguments import (
     free_names,
-    free_offsets,
     listed_records,
-    prepared,
-    ready,
     require_known,
     require_unit,
     several_decays,
     small_frequencies,
 )
-from romsindy.fit.part import Part
-from romsindy.fit.process_noise import form_of
-from romsindy.fit.record import Prepared, Record
-from romsindy.fit.shooting import LOSSES
+from romsindy.fit.records.coupled import coupled_records, free_shapes
+from romsindy.fit.records.measured import free_offsets, prepared, ready
+from romsindy.fit.records.record import NUMERICS, Record
+from romsindy.fit.results.fitted import Fit, refined
+from romsindy.fit.results.predict import form_of
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.model import ReducedModel

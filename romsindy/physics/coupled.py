@@ -19,16 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.physics import export
-from romsindy.physics.coupling import (
-    Along,
-    CoupledTerm,
-    MixedStiffness,
-    PolynomialTerm,
-    Powers,
-)
+from romsindy.physics.coupling import Along, CoupledTerm, MixedStiffness, PolynomialTerm, Powers
+from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import SINGULAR, Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term, law_called, type_name
 from romsindy.physics.term_sum import read_json, refuse_many
 from romsindy.physics.validation import require_finite
@@ -431,3 +427,16 @@ class _Polynomials(NamedTuple):
                 by_a[i, second] += value
         by_q, by_v, by_a = (y.transpose(2, 0, 1).reshape(*shape, r) for y in (by_q, by_v, by_a))
         return residual.T.reshape(shape), by_q, by_v, by_a
+
+
+def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
+    """Stiffness and damping of every coordinate by itself."""
+    laws = (Stiffness(1), PowerDamping(1))
+    return tuple(Along.coordinate(law, i + 1) for i in range(n_coordinates) for law in laws)
+
+
+def linear_model(omega: Array, ratios: Array, unit: str | None) -> CoupledModel:
+    """Small vibrations by angular frequencies and damping ratios, which do not grow."""
+    pairs = zip(omega, ratios, strict=True)
+    values = [float(v) for w, z in pairs for v in (w**2, 2 * max(z, 0.0) * w)]
+    return CoupledModel(linear_terms(len(omega)), tuple(values), unit)

@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.recording import QUANTITIES, Quantity, Recording, unit_of
+from romsindy.record.recording import (
+    QUANTITIES,
+    Quantity,
+    Recording,
+    checked_signal,
+    checked_time,
+    part_between,
+    uniform_times,
+    unit_of,
+)
 from romsindy.record.releases import Release, split_releases
-from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
 from romsindy.record.signals import (
     crossings,
     downsample,

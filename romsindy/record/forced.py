@@ -11,10 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.faults import runs
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
-from romsindy.record.recording import QUANTITIES, Quantity, unit_of
-from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
+from romsindy.record.recording import (
+    QUANTITIES,
+    Quantity,
+    checked_signal,
+    checked_time,
+    part_between,
+    uniform_times,
+    unit_of,
+)
+from romsindy.record.signals import runs
 from romsindy.typing import Array
 
 # What response and input must have, and the remedy.

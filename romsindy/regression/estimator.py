@@ -13,13 +13,13 @@ from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
-from romsindy.fit.measured import require_unit, several_decays
+from romsindy.fit.records.arguments import require_unit, several_decays
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.sampling import as_floats, as_seconds
+from romsindy.record.recording import as_floats, as_seconds
 from romsindy.record.smoothing import Filter
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
 from romsindy.regression.projection import HarmonicProjection, HarmonicRows

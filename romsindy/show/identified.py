@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.held_out import HeldOut
-from romsindy.fit.forced_band import ForcedBand
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.small_vibrations import SmallVibration, small_vibrations
+from romsindy.fit.results.estimate import Band, Estimate
+from romsindy.fit.results.fitted import Fit
+from romsindy.fit.results.forced_band import ForcedBand
+from romsindy.fit.results.held_out import HeldOut
+from romsindy.fit.results.vibrations import SmallVibration, small_vibrations
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve
@@ -83,7 +83,7 @@ class Identified:
         """Of several coordinates."""
         if self.fit is None or not self.model.numbered:
             return ()
-        return small_vibrations(self.fit)
+        return small_vibrations(self.fit, self.fit.records)
 
     @cached_property
     def backbones(self) -> dict[int, BackboneCurve | str]:

@@ -15,11 +15,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from romsindy.fit.curve import Curve
-from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced_band import ForcedBand
-from romsindy.fit.small_vibrations import SmallVibration
+from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.results.curve import Curve
+from romsindy.fit.results.estimate import Band, Estimate
+from romsindy.fit.results.forced_band import ForcedBand
+from romsindy.fit.results.vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel

@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from romsindy.fit.estimate import Band, Estimate, curves_near
-from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced_band import ForcedBand
-from romsindy.fit.record import Prepared, one_a_decay
+from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.kernel.prepared import Prepared, one_a_decay
+from romsindy.fit.results.estimate import Band, Estimate, curves_near
+from romsindy.fit.results.fitted import Fit
+from romsindy.fit.results.forced_band import ForcedBand
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits, linear_mode
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel

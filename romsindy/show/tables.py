@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from romsindy.fit.small_vibrations import SmallVibration
+from romsindy.fit.results.vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.show.identified import Identified
 from romsindy.text import TextTable, quantity, with_error

@@ -23,12 +23,12 @@ from romsindy.beam import Beam, NoEquilibriumError
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, changes_of
-from romsindy.fit.collocation import integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import integrate
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import MOVING
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay

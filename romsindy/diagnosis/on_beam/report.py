@@ -22,7 +22,7 @@ from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import Adjusted, adjusted, in_words
 from romsindy.diagnosis.report import DiagnosisReport, Written
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Part
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:

@@ -35,9 +35,9 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 

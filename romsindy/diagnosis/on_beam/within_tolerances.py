@@ -23,8 +23,8 @@ from romsindy.diagnosis.screening import screen
 from romsindy.effects import Gain
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination

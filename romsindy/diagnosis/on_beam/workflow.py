@@ -39,7 +39,7 @@ from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
-from romsindy.fit.record import Record
+from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.effects.drive import Drive, DriveAlong
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term

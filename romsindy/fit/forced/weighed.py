@@ -23,18 +23,26 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import equation_of
-from romsindy.fit.fitted import Fit, concluded
-from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
-from romsindy.fit.forced.independence import examine_independence, judged
-from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
-from romsindy.fit.gauss_newton import fit as follow
-from romsindy.fit.linear_response import Response, sampled
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
-from romsindy.fit.record import Prepared
+from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
+from romsindy.fit.adequacy.independence import examine_independence, judged
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import fit as follow
+from romsindy.fit.kernel.gauss_newton import linear_table
+from romsindy.fit.kernel.linear_response import Response, sampled
+from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import (
+    Part,
+    Solution,
+    columns_of,
+    in_orders,
+    limits,
+    moved_parts,
+    prior_cost,
+)
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.results.fitted import Fit, concluded
 from romsindy.typing import Array, Indices
 
 _STEPS = 8

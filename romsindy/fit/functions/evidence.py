@@ -18,14 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import prior
-from romsindy.fit.functions.cone import nearest
+from romsindy.fit.functions.prior import nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.noises import Noises
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.noises import Noises
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, EXPLAINED
 from romsindy.typing import Array
 

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.curve import (
+from romsindy.fit.functions.short import Short, shortened
+from romsindy.fit.functions.structures import Structure
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.curve import (
     Curve,
     Function,
     checked_coordinate,
@@ -19,10 +22,7 @@ from romsindy.fit.curve import (
     inertia_of,
     secant_of,
 )
-from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.functions.short import Short, shortened
-from romsindy.fit.functions.structures import Structure
-from romsindy.fit.record import Record
+from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.orbits.curves import require_mode
 from romsindy.physics.model import ReducedModel

@@ -9,9 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.friction import free_parts
+from romsindy.fit.adequacy.decays import Adequacy, examine
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import Fitted, fit, regressed
@@ -27,10 +25,13 @@ from romsindy.fit.functions.structures import (
     simpler,
 )
 from romsindy.fit.functions.windows import Window, windows_of
-from romsindy.fit.gauss_newton import fit as fit_states
-from romsindy.fit.measured import prepared, require_known, several_decays
-from romsindy.fit.process_noise import form_of
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.gauss_newton import fit as fit_states
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.records.arguments import require_known, several_decays
+from romsindy.fit.records.measured import prepared
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.predict import form_of
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term

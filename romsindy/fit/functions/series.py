@@ -23,7 +23,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from romsindy.fit.functions.sensor import STRAIGHT, SensorCurvature
-from romsindy.fit.linear_steps import Linearisation
+from romsindy.fit.kernel.linear_steps import Linearisation
 from romsindy.physics.damping import PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness

@@ -7,7 +7,7 @@ before by a jump that is allowed: process noise. Without it this is the fit of o
 whole record (output error); with much of it, one of equations window by window (equation error).
 How much there is follows from the data (`romsindy.fit.functions.evidence`). This is weak-constraint
 data assimilation [1], linearised about the smoothed measurement, whose phase is right from the
-beginning (`romsindy.fit.linear_response`).
+beginning (`romsindy.fit.kernel.linear_response`).
 
 [1] Y. Tremolet, "Accounting for an imperfect model in 4D-Var", Q. J. R. Meteorol. Soc. 132 (2006).
 """
@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from romsindy.fit.collocation import Trajectory
 from romsindy.fit.functions.series import Series
-from romsindy.fit.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.records.record import Record
 from romsindy.typing import Array, Indices
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.coefficient import LINEAR
+from romsindy.fit.adequacy.decays import Adequacy
 from romsindy.fit.form import KNOWN, wider
+from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution

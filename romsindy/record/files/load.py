@@ -21,8 +21,7 @@ from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording
-from romsindy.record.sampling import part_between
+from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording, part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array

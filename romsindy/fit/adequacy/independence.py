@@ -1,0 +1,259 @@
+"""Does what a model leaves of a driven record go with the motion, or with its inputs?
+
+Noise need not be white: that of a sensor has a colour, and a force that nobody measured moves a
+structure as a missing effect does. But noise knows neither the motion nor the input. Forces that
+are functions of both, none of them in the model, are tried together on what is left, weighed by the
+noises found in it (`romsindy.fit.kernel.noises`): an F test of generalised least squares, in the
+spirit of [1]. Of several coordinates each has such forces, and what may couple them is tried as
+well.
+
+[1] S. Billings, W. Voon, Int. J. Control 44 (1986) 803: correlation tests of nonlinear models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import fdtrc
+
+from romsindy.effects.choices import couplings
+from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import linear_table
+from romsindy.fit.kernel.linear_response import nodes, respond, sampled
+from romsindy.fit.kernel.linear_steps import Equation
+from romsindy.fit.kernel.noises import Noises, TwoNoises, found_noises, steady
+from romsindy.fit.kernel.part import Part, Solution, columns_of, in_orders
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.verdict import FADES, FALSE_ALARM
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import input_in
+from romsindy.typing import Array, Indices
+
+# Powers of a coordinate and of its velocity that are tried: all of second and third order, and
+# those of fifth order that differ from them in their harmonics.
+_POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
+_SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
+_LATE = (-0.25, 0.25)  # cycles by which an input may act later
+_RANK = 1e-7  # of scaled products: forces below it are told by others
+
+
+@dataclass(frozen=True)
+class Independence:
+    """What goes with motion or input in that which a fit leaves, and what is noise."""
+
+    # Probability that noise alone goes with them as much: F tests of all forces together, and of
+    # the one that tells most, by Bonferroni's inequality
+    p_value: float
+    missing: float  # rms of what goes with them, measured unit
+    like: str  # the force that alone tells most of it
+    noises: tuple[Noises, ...]  # of each record
+    # Probability that a force which is noise differs as much between quarters of a decay
+    steady: float
+    # Chi-square of what is left over its freedom, where it would be 1 without what goes with motion
+    # or input
+    excess: float
+
+
+def examine_driven(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> ForcedAdequacy:
+    """What a hypothesis leaves of driven records."""
+    verdict = examine_forced(records, solution.residuals, solution.n_values, false_alarm)
+    if not 0 < verdict.part < np.inf:
+        return verdict
+    pairs = [*enumerate(records)]
+    return judged(verdict, examine_independence(model, solution, pairs), pairs)
+
+
+def judged(
+    verdict: ForcedAdequacy, found: Independence, pairs: Sequence[tuple[int, Prepared]]
+) -> ForcedAdequacy:
+    """A verdict with what was found in that which is left."""
+    heard = verdict.left / verdict.part  # rms of the response
+    counts = [len(r.signal) for _, r in pairs]
+    shown = [np.mean(n.shown**2) for n in found.noises]
+    sensor = float(np.sqrt(np.average(shown, weights=counts)))
+    force = np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard
+    # A force that fades with the decay is no noise: it goes with the motion.
+    fades = found.steady < FADES
+    return replace(
+        verdict,
+        ratio=np.sqrt(found.excess),
+        structure=found.excess,
+        p_value=found.steady if fades else found.p_value,
+        # No more than is left: of what no weight is on, anything may go with them.
+        missing=max(min(found.missing, verdict.left) / heard, force * fades),
+        like=found.like,
+        sensor=sensor / heard,
+        force=force,
+        colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
+    )
+
+
+def examine_independence(
+    model: AnyModel, solution: Solution, records: Sequence[tuple[int, Prepared]]
+) -> Independence:
+    """Of a fit to records, given with their numbers among all of it."""
+    tables = [Tried.of(model, solution, i, record) for i, record in records]
+    return independence(tables, sum(part.size for part in solution.parts))
+
+
+def independence(tables: Sequence[Tried], n_values: int) -> Independence:
+    """Of records to which so many values were fitted."""
+    system = np.sum([table.products for table in tables], axis=0)
+    n = sum(table.freedom for table in tables)
+    fitted, tried = np.arange(n_values), np.arange(n_values, len(system) - 1)
+    alone, rank = _explained(system, fitted)
+    both, full = _explained(system, np.concatenate([fitted, tried]))
+    new, freedom = full - rank, n - full
+    left = system[-1, -1] - both
+    gain = (both - alone) / new / (left / freedom) if left > 0 else 0.0
+    singles = [_explained(system, np.append(fitted, k))[0] - alone for k in tried]
+    rest = max(system[-1, -1] - alone - max(singles), 0.0) / (n - rank - 1)
+    best = fdtrc(1, n - rank - 1, max(singles) / rest) if rest > 0 else 1.0
+    values = _values(system, np.concatenate([fitted, tried]))
+    power = sum(float(np.sum((table.columns @ values) ** 2)) for table in tables)
+    samples = sum(len(table.columns) for table in tables)
+    return Independence(
+        p_value=min(2 * float(min(fdtrc(new, freedom, gain), len(tried) * best)), 1.0),
+        missing=float(np.sqrt(power / samples)),
+        like=tables[0].names[int(np.argmax(singles))],
+        noises=tuple(table.noises for table in tables),
+        steady=min(1.0, len(tables) * min(table.steady for table in tables)),
+        excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
+    )
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Of one record: weighed products of what was fitted, of forces, and of what is left."""
+
+    names: tuple[str, ...]
+    columns: Array  # (n, m), derivatives of the samples by all fitted values and forces
+    products: Array  # (m + 1, m + 1)
+    noises: Noises
+    steady: float  # of a decay, as in `Independence`
+    freedom: int
+
+    @classmethod
+    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> Tried:
+        """Of a fit."""
+        parts, motion = solution.parts, solution.motions[i]
+        fitted = linear_table(model, parts, i, record, motion)[1][:, : -len(motion.start) - 1]
+        wide = np.zeros((len(fitted), sum(p.size for p in parts)))
+        wide[:, columns_of(parts, i)] = fitted * record.white[:, None]  # they come over white noise
+        equation = equation_of(model, parts, i, record)
+        forces = _forces(model, parts, record, motion)
+        return cls.along(equation, parts, i, record, motion, wide, solution.residuals[i], forces)
+
+    @classmethod
+    def along(
+        cls,
+        equation: Equation,
+        parts: Sequence[Part],
+        number: int,
+        record: Prepared,
+        motion: Trajectory,
+        fitted: Array,
+        left: Array,
+        forces: Iterable[Force],
+    ) -> Tried:
+        """Of what is left, (c n,), along a motion; ``fitted`` (c n, m): derivatives by values."""
+        two = TwoNoises.along(equation, parts, number, record, motion)
+        noises, forces = found_noises(two, left), list(forces)
+        response = respond(equation, motion, np.array([f.values for f in forces]))
+        orders, states = record.orders(parts), len(motion.start)
+        x = in_orders(orders, response.samples)[..., 1:-states]
+        reading = record.read(parts, number, in_orders(orders, partial(sampled, motion)))
+        columns = np.column_stack([fitted, reading.by_motion(x)])
+        products = two.table(np.column_stack([columns, left])).weighed(noises).products
+        names = tuple(f.name for f in forces)
+        alike = 1.0 if record.driven else steady(two, left, noises)
+        return cls(names, columns, products, noises, alike, len(left) - states)
+
+
+class Force(NamedTuple):
+    """A force that is tried."""
+
+    name: str
+    values: Array  # at the Gauss points, in every equation: (3 n_steps, R)
+
+
+def _forces(
+    model: AnyModel, parts: Sequence[Part], record: Prepared, motion: Trajectory
+) -> Iterator[Force]:
+    """Functions of the motion and of the inputs, of about unit size."""
+    t, *states = nodes(motion)
+    unit = np.eye(model.n_coordinates)
+    for i, name in enumerate(model.coordinates):
+        alone = forces_alone(motion, name, i)
+        on = f" on {name}" if model.numbered else ""
+        late = _late(model, parts, record, t, 1 / float(record.frequencies[i]))
+        for what, values in (*alone, *((what + on, values) for what, values in late)):
+            yield Force(what, values[:, None] * unit[i])
+    if model.numbered:
+        for law in couplings(model.n_coordinates):
+            values = law.strong(*states)
+            yield Force(law.key, values / max(float(np.abs(values).max()), 1e-300))
+
+
+def forces_alone(motion: Trajectory, name: str, at: int = 0) -> Iterator[tuple[str, Array]]:
+    """Functions of one coordinate at the Gauss points, (3 n_steps,)."""
+    _, *states, _ = nodes(motion)
+    ends = zip(states, (motion.q, motion.q_dot), strict=True)
+    q, v = (x[:, at] / np.abs(end[:, at]).max() for x, end in ends)
+    for i, j in _POWERS:
+        powers = [(name, i), (f"{name}_dot", j)]
+        yield " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k), q**i * v**j
+    yield f"the sign of {name}_dot", np.tanh(v / _SLIDES)
+    yield f"|{name}_dot| {name}_dot", np.abs(v) * v
+    yield f"|{name}| {name}", np.abs(q) * q
+
+
+# Powers of an input are not tried: the largest values of a sine that is measured with noise are
+# those that noise made larger, and a cube goes with that.
+def _late(
+    model: AnyModel, parts: Sequence[Part], record: Prepared, t: Array, cycle: float
+) -> Iterator[tuple[str, Array]]:
+    """Inputs that act a quarter of a cycle, in s, sooner or later."""
+    laws = (*model.terms, *(law for part in parts for law in part.effect.laws()))
+    for term in dict.fromkeys(i for law in laws if (i := input_in(law)) is not None):
+        for cycles in _LATE:
+            other = replace(term, delay=term.delay + cycles * cycle)
+            late = "later" if cycles > 0 else "sooner"
+            name = f"{term.signal} a quarter of a cycle {late}"
+            values = np.zeros_like(t)
+            if term.source in record.inputs:
+                values = record.inputs[term.source].at(t, other)
+            yield name, values / max(float(np.abs(values).max()), 1e-300)
+
+
+def _explained(system: Array, some: Indices) -> tuple[float, int]:
+    """How much of the last column some others tell, and how many of them differ."""
+    vectors, sizes = _directions(system, some)
+    told = vectors.T @ system[some, -1]
+    return float(np.sum(told**2 / sizes)), len(sizes)
+
+
+def _values(system: Array, some: Indices) -> Array:
+    vectors, sizes = _directions(system, some)
+    return vectors @ (vectors.T @ system[some, -1] / sizes)
+
+
+def _directions(system: Array, some: Indices) -> tuple[Array, Array]:
+    """Directions that are told apart, among columns of unit size, and their powers."""
+    own = system[np.ix_(some, some)]
+    power = np.diag(own)
+    scale = np.where(power > 0, 1 / np.sqrt(np.where(power > 0, power, 1.0)), 0.0)
+    sizes, vectors = np.linalg.eigh(own * scale * scale[:, None])
+    told = sizes > _RANK * sizes[-1]
+    return scale[:, None] * vectors[:, told], sizes[told]

@@ -1,0 +1,174 @@
+"""What a fit needs of a record, whatever was measured."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from romsindy.effects.base import SampledInput
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.part import Part, Reading
+from romsindy.record.noise import Noise
+from romsindy.record.ridges import Ridge
+from romsindy.typing import Array
+
+R = TypeVar("R", bound="Prepared")
+
+
+class Prepared(ABC):
+    """A record ready to be compared with a simulation, whatever the number of its coordinates."""
+
+    decay: Any  # what was measured
+    signal: Array  # (c n,), its channels, one after the other
+    noise: Any
+    motion: Trajectory  # smooth displacement of the coordinates, from which a fit starts
+    tones: tuple[Ridge, ...] = ()  # the fundamentals of several coordinates that ring
+    since: float = 0.0  # where it starts in the record that it is a piece of, s
+
+    @property
+    def t(self) -> Array:
+        """Times from the start of the record, s."""
+        return self.decay.t - self.decay.t[0]
+
+    @property
+    def clock(self) -> float:
+        """Time of the start of the record as it was recorded, s."""
+        return float(self.decay.t[0])
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return self.decay.derivative
+
+    @property
+    def peak(self) -> float:
+        """Largest displacement in any channel."""
+        return float(np.abs(self.decay.q).max())
+
+    @property
+    def noises(self) -> tuple[Noise, ...]:
+        """Of every channel."""
+        return self.noise if isinstance(self.noise, tuple) else (self.noise,)
+
+    @property
+    def white(self) -> Array:
+        """Standard deviation of the noise of each sample, were it white, (c n,)."""
+        return np.repeat([noise.std for noise in self.noises], len(self.decay.t))
+
+    @property
+    def inputs(self) -> Mapping[str, SampledInput]:
+        """What drives it, by name: nothing drives a decay."""
+        return {}
+
+    @property
+    def driven(self) -> bool:
+        """Whether inputs drive it."""
+        return bool(self.inputs)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all samples take part."""
+        return True
+
+    @property
+    def n_channels(self) -> int:
+        """c."""
+        return len(self.signal) // len(self.decay.t)
+
+    @property
+    @abstractmethod
+    def amplitude(self) -> float:
+        """Largest displacement of a coordinate."""
+
+    @property
+    @abstractmethod
+    def rate(self) -> float:
+        """Mean angular frequency, of the slowest coordinate, rad/s."""
+
+    @property
+    def frequencies(self) -> Array:
+        """Of the coordinates, Hz, (R,)."""
+        return np.array([self.rate / (2 * np.pi)])
+
+    @property
+    def turns(self) -> float:
+        """Cycles of the slowest coordinate, in all."""
+        return float(self.t[-1]) * float(self.frequencies.min())
+
+    @property
+    def count(self) -> float:
+        """Samples that tell anything, of all channels."""
+        return float(len(self.signal))
+
+    @property
+    def power(self) -> float:
+        """Sum of squares of what was measured, about the mean of each channel."""
+        channels = self.by_channel(self.signal)
+        return float(np.sum((channels - channels.mean(axis=1, keepdims=True)) ** 2))
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the reader of a fit must know of it."""
+        return []
+
+    @abstractmethod
+    def until(self: R, end: float) -> R:
+        """The first seconds of the record, with the noise of all of it."""
+
+    def beginning(self: R, samples: int) -> R:
+        """So many samples, of every channel."""
+        return self.until(float(self.t[samples - 1]))
+
+    def pieces(self: R, count: int) -> list[R]:
+        """In so many stretches, each with a state of its own at its start; some stay whole."""
+        return [self]
+
+    @abstractmethod
+    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
+        """What the sensors show of a motion in its `orders`, with the parts of a hypothesis."""
+
+    @abstractmethod
+    def whitened(self, x: Array) -> Array:
+        """Misfits or their derivatives (c n, ...) over the noise."""
+
+    def by_channel(self, x: Array) -> Array:
+        """Signals that stand one after the other, (c n, ...), apart: (c, n, ...)."""
+        return x.reshape(self.n_channels, -1, *x.shape[1:])
+
+    def mode_shapes(self, parts: Sequence[Part]) -> Array:
+        """What each channel shows of each coordinate of small motions, (c, R)."""
+        return np.ones((1, 1))
+
+    def alone(self, residual: Array) -> Sequence[tuple[Any, Array]]:
+        """Records of single coordinates, with a residual of this one whitened."""
+        raise NotImplementedError
+
+    def with_signal(self: R, signal: Array) -> R:
+        """The same with another measurement, such as a simulated one."""
+        return replace(self, signal=signal)  # type: ignore[type-var]
+
+    def with_motion(self: R, motion: Trajectory) -> R:
+        """The same with another motion behind it."""
+        return replace(self, motion=motion)  # type: ignore[type-var]
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Noise like that of the record, (c n,)."""
+        return np.asarray(self.noise.draw(len(self.signal), self.decay.dt, rng))
+
+    def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
+        """Which derivatives of the motion its reading needs."""
+        return (self.derivative,)
+
+
+def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
+    """Those of several coordinates that ring; of records in pieces the first, with all tones."""
+    return [r for r in records if r.tones and r.since == 0]
+
+
+def record_notes(records: Sequence[Prepared]) -> list[str]:
+    """What the reader must know of the records."""
+    return [f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks]

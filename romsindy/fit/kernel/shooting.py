@@ -1,0 +1,247 @@
+"""Fits whose motions satisfy the equation exactly: each follows from its initial state.
+
+`romsindy.fit.kernel.gauss_newton` starts from the measured motion and needs no good guess, but its
+motions come to satisfy the equation only as it converges. From where it ends, single shooting goes
+on with motions that always do. It forgives outliers, and it settles where a structure is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import table
+from romsindy.fit.kernel.linear_response import sensitivity
+from romsindy.fit.kernel.linear_steps import Equation
+from romsindy.fit.kernel.normal_equations import NormalEquations, priors
+from romsindy.fit.kernel.part import (
+    Part,
+    Solution,
+    columns_of,
+    held_values,
+    in_orders,
+    limits,
+    moved_parts,
+)
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.physics.coupled import AnyModel
+from romsindy.typing import Array
+
+_EVALUATIONS = 40
+# Chi-square is about the number of samples: a change of it by this part is far below one.
+TOLERANCE = 1e-6
+_OUTLIER = 3.0  # residual over noise from which a robust loss forgives
+# A simulated motion this many times the noise away is as bad as none.
+_FAR = 1e9
+LOSSES = ("linear", "soft_l1")
+
+
+@dataclass
+class _Problem:
+    """Whitened misfits as a function of the values of all parts, then of the initial states."""
+
+    model: AnyModel
+    parts: tuple[Part, ...]
+    records: Sequence[Prepared]
+    motions: list[Trajectory]  # the last ones, from which the next are found
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self.n_values = sum(p.size for p in self.parts)
+        start = [p.values for p in self.parts]
+        self.start = np.concatenate([*start, *(m.start for m in self.motions)])
+        self._simulated: Array | None = None  # values of the last motions
+
+    def at(self, values: Array) -> tuple[tuple[Part, ...], list[Equation]]:
+        """Parts and equations with other values."""
+        parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
+        return parts, [equation_of(self.model, parts, i, r) for i, r in enumerate(self.records)]
+
+    def simulate(self, values: Array) -> list[Trajectory]:
+        """Motions from the initial states among the values."""
+        if self._simulated is not None and np.array_equal(values, self._simulated):
+            return self.motions
+        _, equations = self.at(values)
+        states = values[self.n_values :].reshape(len(self.records), -1)
+        triples = zip(equations, states, self.records, self.motions, strict=True)
+        self.motions = [integrate(e, s, r.motion.grid, m) for e, s, r, m in triples]
+        self._simulated = values.copy()
+        return self.motions
+
+    def residuals(self, values: Array) -> list[Array]:
+        """Measured minus simulated, (n,) of each record."""
+        parts, equations = self.at(values)
+        motions = zip(self.records, equations, self.simulate(values), strict=True)
+        return [
+            r.signal - r.read(parts, i, in_orders(r.orders(parts), partial(m.samples, e))).shown
+            for i, (r, e, m) in enumerate(motions)
+        ]
+
+    def misfit(self, values: Array) -> Array:
+        """Whitened residuals, and what was known beforehand."""
+        self.say("simulation")
+        try:
+            pairs = zip(self.records, self.residuals(values), strict=True)
+            rows = np.concatenate([r.whitened(e) for r, e in pairs])
+        except TrajectoryError:
+            rows = np.array([np.inf])
+        if np.abs(rows).max() > _FAR:  # nan is a step too far: the solver shortens it
+            return np.full(
+                sum(len(r.signal) for r in self.records) + len(priors(self.parts)), np.nan
+            )
+        known = [off / spread for _, off, spread in priors(self.at(values)[0])]
+        return np.concatenate([rows, known])
+
+    def tables(self, values: Array) -> list[Array]:
+        """Sensitivities and misfit over noise about the simulated motions, for each record.
+
+        Columns are the values of all parts, q and q_dot at the start of each record, and the
+        misfit.
+        """
+        parts, equations = self.at(values)
+        motions = zip(self.records, equations, self.simulate(values), strict=True)
+        found: list[Array] = []
+        for i, (record, equation, motion) in enumerate(motions):
+            orders = record.orders(parts)
+            slopes = in_orders(orders, partial(sensitivity, equation, motion))
+            x = in_orders(orders, partial(motion.samples, equation))
+            own = table(parts, i, record, x, slopes)
+            n_states = len(motion.start)
+            rows = np.zeros((len(own), len(values) + 1))
+            first = self.n_values + n_states * i
+            states = range(first, first + n_states)
+            rows[:, [*columns_of(parts, i), *states, -1]] = own
+            found.append(rows)
+        return found
+
+    def jacobian(self, values: Array) -> Array:
+        """Derivatives of `misfit`."""
+        known = [-np.eye(1, len(values), at) / spread for at, _, spread in priors(self.parts)]
+        return np.concatenate([*(-rows[:, :-1] for rows in self.tables(values)), *known])
+
+
+def simulated(
+    model: AnyModel,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> tuple[list[Trajectory], list[Array]]:
+    """Motions from the initial states of some, and what they leave of the records.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is no such motion.
+    """
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    return problem.simulate(problem.start), problem.residuals(problem.start)
+
+
+def simulated_misfit(
+    model: AnyModel,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> Array:
+    """Whitened misfit of all records, simulated from the initial states of some motions."""
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    rows = problem.misfit(problem.start)
+    if not np.all(np.isfinite(rows)):
+        raise TrajectoryError("the first motions cannot be simulated, or lead far away")
+    return rows
+
+
+def shoot(
+    model: AnyModel,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+    *,
+    fixed: bool = False,
+    loss: str = "linear",
+    evaluations: int = _EVALUATIONS,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Solution, Array]:
+    """Fit the values of all parts and the initial states, from those of some motions on.
+
+    Parameters
+    ----------
+    model, parts, records, fixed
+        As in `romsindy.fit.kernel.gauss_newton.fit`.
+    motions : sequence of Trajectory
+        To start from.
+    loss : "linear" or "soft_l1"
+        The second forgives outliers.
+    evaluations : int
+        Simulations, at most.
+    tolerance : float
+        Relative change of chi-square at which it ends.
+    progress : callable, optional
+        Called with a line of text at every simulation.
+
+    Returns
+    -------
+    solution : Solution
+    covariance : (n_values, n_values) array
+        Of the values of all parts, for the colour that the residuals really have.
+
+    Raises
+    ------
+    TrajectoryError
+        If the first motions cannot be simulated.
+    """
+    parts = tuple(parts)
+    problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
+    simulated_misfit(model, parts, records, motions)
+    free = np.ones(len(problem.start), bool)
+    free[: problem.n_values] = ~held_values(parts, fixed, first=False)
+    low, high = np.full((2, len(free)), np.inf) * np.array([[-1], [1]])
+    for end, change in zip((low, high), limits(parts), strict=True):
+        end[: problem.n_values] = problem.start[: problem.n_values] + change
+    free &= low < high
+
+    def whole(x: Array) -> Array:
+        values = problem.start.copy()
+        values[free] = x
+        return values
+
+    converged = interrupted = False
+    try:
+        result = least_squares(
+            lambda x: problem.misfit(whole(x)),
+            np.clip(problem.start, low, high)[free],
+            lambda x: problem.jacobian(whole(x))[:, free],
+            bounds=(low[free], high[free]),
+            x_scale="jac",
+            loss=loss,
+            f_scale=_OUTLIER,
+            ftol=tolerance,
+            xtol=1e-9,
+            max_nfev=evaluations,
+        )
+        values, converged = whole(result.x), bool(result.success)
+    except KeyboardInterrupt:
+        values, interrupted = problem.start, True
+    n = problem.n_values
+    system = NormalEquations(n, len(records), n_coordinates=model.n_coordinates)
+    rows = problem.tables(values)
+    for own in rows:
+        system.add(np.arange(system.size), own)
+    system.add_priors(problem.at(values)[0])
+    solution = Solution(
+        problem.at(values)[0],
+        tuple(problem.motions),
+        tuple(problem.residuals(values)),
+        system.power,
+        system.covariance()[:n, :n],
+        converged,
+        interrupted,
+    )
+    return solution, system.coloured(rows)[:n, :n]
