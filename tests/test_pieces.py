@@ -17,7 +17,7 @@ from romsindy.fit.kernel.pieces import fit_pieces, lengths
 from romsindy.fit.records.coupled import coupled_records, free_shapes
 from romsindy.fit.records.mode_shape import CurvedShape
 from romsindy.fit.results.fitted import refined
-from romsindy.fit.results.vibrations import small_vibrations
+from romsindy.fit.results.small_vibrations import small_vibrations
 from romsindy.show.identified import Identified
 from romsindy.show.panels import over_time
 

@@ -43,8 +43,7 @@ from romsindy.diagnosis.difference import KINDS
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
-from romsindy.physics.coupled import AnyModel
-from romsindy.physics.equations import inputs_of
+from romsindy.physics.equations import Equations, inputs_of
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -282,14 +281,14 @@ def _run(
             raise ValueError(_on_command_line(str(error), names)) from error
 
 
-def _model(path: Path) -> AnyModel | Estimate:
+def _model(path: Path) -> Equations | Estimate:
     """A model, with what is known of it if the file says so."""
     text = text_of(path)
     with named(f"{path}"):
         return estimate_of(text) or model_of(text)
 
 
-def _equation(simulation: AnyModel | Estimate) -> AnyModel:
+def _equation(simulation: Equations | Estimate) -> Equations:
     """The equations of a model, without what else is known of it."""
     return simulation.model if isinstance(simulation, Estimate) else simulation
 
@@ -301,7 +300,7 @@ def _series(path: Path, unit: str | None) -> Decay:
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
-def _note_inputs(simulation: AnyModel | Estimate) -> None:
+def _note_inputs(simulation: Equations | Estimate) -> None:
     """Say that inputs of a model stand still in records that are taken for free decays."""
     for term in inputs_of(_equation(simulation)):
         kind = term.source.split()[0]

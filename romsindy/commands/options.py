@@ -12,8 +12,9 @@ from click.core import ParameterSource
 
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.results.estimate import Estimate
-from romsindy.physics.coupled import AnyModel, model_from_json
+from romsindy.physics.coupled import model_from_json
 from romsindy.physics.damping import DAMPING
+from romsindy.physics.equations import Equations
 from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import table
 from romsindy.record.files import load_recording
@@ -171,7 +172,7 @@ def given(names: Iterable[str]) -> list[str]:
     return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
 
 
-def model_of(text: str) -> AnyModel:
+def model_of(text: str) -> Equations:
     """The model in a JSON text, as commands take it: one that vibrates about its rest.
 
     Raises a ValueError if it is none, or pushed away from its rest.

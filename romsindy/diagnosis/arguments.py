@@ -29,8 +29,7 @@ from romsindy.fit.verdict import (
     REVERSED_IS_NO_WORSE,
     SHARED,
 )
-from romsindy.physics.coupled import AnyModel
-from romsindy.physics.equations import inputs_of
+from romsindy.physics.equations import Equations, inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
@@ -86,7 +85,7 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
 
 
 def check_request(
-    model: AnyModel,
+    model: Equations,
     measured: Sequence[Decay] | Sequence[ForcedVibration],
     held_out: Decay | ForcedVibration | None,
     free: Sequence[str | Effect],
@@ -182,7 +181,7 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
     return found
 
 
-def reduced(model: AnyModel | Beam) -> ReducedModel:
+def reduced(model: Equations | Beam) -> ReducedModel:
     """The model, if it is one that driven records can be compared with.
 
     Raises a ValueError for a Beam, and for several coordinates.

@@ -28,7 +28,7 @@ from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_nois
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts, prior_cost
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.record.prediction import autoregression
 from romsindy.typing import Array, Indices
@@ -75,7 +75,7 @@ class Coloured:
     rows: tuple[Array, ...]
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Coloured:
+    def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> Coloured:
         """Linearise a fit about its motion."""
         n_values = sum(p.size for p in solution.parts)
         parts, rows, places = solution.parts, [], []
@@ -125,7 +125,7 @@ class ByNoises:
     tables: tuple[NoiseTable, ...]
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
+    def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
         """Linearise a fit about its motion."""
         parts, places, tables = solution.parts, [], []
         n_values = sum(p.size for p in parts)
@@ -173,7 +173,7 @@ class ColourOfBest:
 
     def fitted(
         self,
-        model: AnyModel,
+        model: Equations,
         records: Sequence[Prepared],
         parts: Sequence[Part],
         n_unsure: int,
@@ -189,7 +189,7 @@ class ColourOfBest:
             return self._weighed(given, records, empty)
 
     def further(
-        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
+        self, model: Equations, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         s = hypothesis.solution
         if s.converged or not s.finite:
@@ -221,7 +221,7 @@ class ColourOfBest:
         return self.examine(given, solution, records, false_alarm)
 
     def _weighed(
-        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
+        self, model: Equations, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         """The same with what its fit says; nothing where no motion satisfies its equation."""
         s = hypothesis.solution
@@ -243,7 +243,7 @@ def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
     return nearest.needed if nearest is not None else ()
 
 
-def driven_instead(model: AnyModel, parts: Sequence[Part]) -> AnyModel:
+def driven_instead(model: Equations, parts: Sequence[Part]) -> Equations:
     """The model without the inputs that parts stand instead of, and with those that are others."""
     others = (InputDelay, InputLag, InputBetweenSamples)
     changed = [p.effect for p in parts if isinstance(p.effect, others)]

@@ -46,7 +46,7 @@ from romsindy.fit.records.record import Record, scales
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ONE_MODE, SAME_SIGNAL
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -228,7 +228,7 @@ def _silent(_: str) -> None:
 
 
 def _of_driven(
-    simulation: AnyModel | Beam,
+    simulation: Equations | Beam,
     measured: Sequence[ForcedVibration],
     held_out: object,
     repeats: object,

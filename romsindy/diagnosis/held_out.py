@@ -27,7 +27,7 @@ from romsindy.fit.kernel.part import Part, Solution
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _EVERY = 4  # one stretch of so many
@@ -150,12 +150,12 @@ class Validation:
         return replace(hypothesis, tested=max(beyond, 0.0))
 
 
-def left_of(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Array:
+def left_of(model: Equations, parts: Sequence[Part], record: Prepared) -> Array:
     """Measured minus simulated (n,), of a model with parts; infinite where it has no motion."""
     return followed(model, parts, record).residuals[0]
 
 
-def followed(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Solution:
+def followed(model: Equations, parts: Sequence[Part], record: Prepared) -> Solution:
     """A model with parts in a record that took no part: of its values the start is fitted."""
     own = [p.elsewhere(record.t) for p in parts]
     return fit(driven_instead(model, own), own, [record], fixed=True)

@@ -20,8 +20,8 @@ from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, fitted,
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.pieces import cut
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.resonance import resonances_in
 from romsindy.fit.results.fitted import Fit, refined
-from romsindy.fit.results.vibrations import resonances_in
 from romsindy.fit.verdict import EXPLAINED, MODE, SURE, WORTH
 from romsindy.physics.coupled import CoupledModel, linear_terms
 from romsindy.physics.coupling import Along

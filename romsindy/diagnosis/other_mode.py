@@ -37,7 +37,7 @@ from romsindy.fit.adequacy.decays import Adequacy
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import LEFT_OVER
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import rest_level
@@ -107,7 +107,7 @@ class InteractionReport(BesideDecays, Written):
         return self.one_coordinate.nominal
 
     @property
-    def model(self) -> AnyModel:
+    def model(self) -> Equations:
         """Of both modes: the simulation along q1, the other as q2, and what couples them."""
         return self.fit.model
 

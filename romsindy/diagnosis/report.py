@@ -26,7 +26,7 @@ from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import json_text
 from romsindy.record.files.whole import whole
@@ -121,8 +121,8 @@ class Explained(Written):
     """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
 
     verdict: Verdict
-    nominal: AnyModel
-    model: AnyModel
+    nominal: Equations
+    model: Equations
     best: Hypothesis
     rivals: tuple[Hypothesis, ...]
     compared: tuple[Hypothesis, ...]

@@ -60,10 +60,10 @@ from romsindy.fit.records.measured import free_offsets
 from romsindy.fit.records.mode_shape import ModeShape
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.equations import inputs_of, with_inputs, without_inputs
+from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -74,7 +74,7 @@ from romsindy.text import quantity
 
 
 def diagnose_forced(
-    model: AnyModel | Beam,
+    model: Equations | Beam,
     measured: Sequence[ForcedVibration],
     held_out: ForcedVibration | None,
     free: Sequence[str | Effect],
@@ -113,7 +113,7 @@ def diagnose_forced(
 
 
 def of_repeats(
-    model: AnyModel | Beam, repeats: Sequence[ForcedVibration], options: Options
+    model: Equations | Beam, repeats: Sequence[ForcedVibration], options: Options
 ) -> Tolerance:
     """What runs of one driven test differ by; see `of_driven_repeats`.
 

@@ -24,7 +24,7 @@ from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, columns_of, in_orders, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.signals import vertex
 from romsindy.record.spectrum import Line
@@ -202,7 +202,7 @@ def screen(
 
 
 def screened(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     effects: Sequence[Effect],
     records: Sequence[Prepared],
@@ -233,7 +233,7 @@ def screened(
 
 
 def _rows(
-    model: AnyModel,
+    model: Equations,
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],

@@ -23,7 +23,7 @@ from romsindy.effects.base import Effect, Parameter, Scales
 from romsindy.fit.adequacy.decays import Adequacy
 from romsindy.fit.kernel.part import Coefficient, Part, Solution
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 
 
@@ -282,7 +282,7 @@ _LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Visco
 
 
 def unsure_parts(
-    model: AnyModel,
+    model: Equations,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     all_scales: Scales,

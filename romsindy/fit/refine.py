@@ -30,8 +30,8 @@ from romsindy.fit.records.measured import free_offsets, prepared, ready
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.results.fitted import Fit, refined
 from romsindy.fit.results.predict import form_of
-from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -39,7 +39,7 @@ from romsindy.record.forced import ForcedVibration
 
 
 def refine(
-    model: AnyModel,
+    model: Equations,
     decays: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
     *,
     fixed: Collection[str] = (),
@@ -129,7 +129,7 @@ def _is_law(term: object) -> bool:
 
 
 def _seen(
-    model: AnyModel, decays: Sequence[Decay], offset: bool
+    model: Equations, decays: Sequence[Decay], offset: bool
 ) -> tuple[tuple[Prepared, ...], tuple[Part, ...]]:
     """Records, and what of their sensors is fitted: offsets, or mode shapes."""
     if not model.numbered:

@@ -268,10 +268,7 @@ class CoupledModel(Equations):
         return export.equations(self._pairs, self.coordinates)
 
 
-AnyModel = ReducedModel | CoupledModel
-
-
-def model_from_json(text: str) -> AnyModel:
+def model_from_json(text: str) -> Equations:
     """The model of one coordinate or of several that ``to_json`` wrote.
 
     Raises

@@ -17,8 +17,9 @@ from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records
 from romsindy.fit.records.driven import ForcedRecord
 from romsindy.fit.records.record import NUMERICS
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.damping import PowerDamping
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -110,7 +111,7 @@ class Regression(NamedTuple):
     """
 
     optimizer: BaseOptimizer
-    model: AnyModel
+    model: Equations
     terms: tuple[Term, ...]
     rows: WindowRows
     mode_shapes: Array

@@ -31,7 +31,7 @@ from romsindy.fit.kernel.noises import Noises, TwoNoises, found_noises, steady
 from romsindy.fit.kernel.part import Part, Solution, columns_of, in_orders
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.verdict import FADES, FALSE_ALARM
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
 from romsindy.typing import Array, Indices
 
@@ -61,7 +61,7 @@ class Independence:
 
 
 def examine_driven(
-    model: AnyModel,
+    model: Equations,
     solution: Solution,
     records: Sequence[Prepared],
     false_alarm: float = FALSE_ALARM,
@@ -100,7 +100,7 @@ def judged(
 
 
 def examine_independence(
-    model: AnyModel, solution: Solution, records: Sequence[tuple[int, Prepared]]
+    model: Equations, solution: Solution, records: Sequence[tuple[int, Prepared]]
 ) -> Independence:
     """Of a fit to records, given with their numbers among all of it."""
     tables = [Tried.of(model, solution, i, record) for i, record in records]
@@ -145,7 +145,7 @@ class Tried:
     freedom: int
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> Tried:
+    def of(cls, model: Equations, solution: Solution, i: int, record: Prepared) -> Tried:
         """Of a fit."""
         parts, motion = solution.parts, solution.motions[i]
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -len(motion.start) - 1]
@@ -189,7 +189,7 @@ class Force(NamedTuple):
 
 
 def _forces(
-    model: AnyModel, parts: Sequence[Part], record: Prepared, motion: Trajectory
+    model: Equations, parts: Sequence[Part], record: Prepared, motion: Trajectory
 ) -> Iterator[Force]:
     """Functions of the motion and of the inputs, of about unit size."""
     t, *states = nodes(motion)
@@ -222,7 +222,7 @@ def forces_alone(motion: Trajectory, name: str, at: int = 0) -> Iterator[tuple[s
 # Powers of an input are not tried: the largest values of a sine that is measured with noise are
 # those that noise made larger, and a cube goes with that.
 def _late(
-    model: AnyModel, parts: Sequence[Part], record: Prepared, t: Array, cycle: float
+    model: Equations, parts: Sequence[Part], record: Prepared, t: Array, cycle: float
 ) -> Iterator[tuple[str, Array]]:
     """Inputs that act a quarter of a cycle, in s, sooner or later."""
     laws = (*model.terms, *(law for part in parts for law in part.effect.laws()))

@@ -11,7 +11,7 @@ from romsindy.effects.drive import Drive, DriveAlong
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
@@ -48,7 +48,7 @@ def inputs_in(
     return tuple(found.values())
 
 
-def drives_of(model: AnyModel, records: Sequence[Prepared]) -> tuple[Part, ...]:
+def drives_of(model: Equations, records: Sequence[Prepared]) -> tuple[Part, ...]:
     """Parts of the inputs of a model with free gains and delays, from its own on.
 
     Of several coordinates an input has one delay, and a gain along each of its directions.

@@ -33,8 +33,8 @@ from romsindy.fit.records.modes import mode_beside, modes_of
 from romsindy.fit.results.fitted import Fit, with_choice_error
 from romsindy.fit.results.signs import stand_ins
 from romsindy.fit.verdict import WIDEST_SIGNAL
-from romsindy.physics.coupled import AnyModel, linear_terms
-from romsindy.physics.equations import inputs_of, without_inputs
+from romsindy.physics.coupled import linear_terms
+from romsindy.physics.equations import Equations, inputs_of, without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
@@ -226,7 +226,7 @@ class _TermSearch:
 _STRETCHES = 8  # in all, each left out in turn
 
 
-def linear_of(model: AnyModel) -> tuple[Term, ...]:
+def linear_of(model: Equations) -> tuple[Term, ...]:
     """Stiffness and damping that always take part."""
     return linear_terms(model.n_coordinates) if model.numbered else LINEAR
 

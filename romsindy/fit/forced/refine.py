@@ -29,8 +29,8 @@ from romsindy.fit.records.measured import free_offsets, ready, ready_along
 from romsindy.fit.records.mode_shape import Offset
 from romsindy.fit.records.modes import Modes, modes_near
 from romsindy.fit.results.fitted import Fit, refined
-from romsindy.physics.coupled import AnyModel, CoupledModel, linear_model
-from romsindy.physics.equations import inputs_of, with_inputs, without_inputs
+from romsindy.physics.coupled import CoupledModel, linear_model
+from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -41,7 +41,7 @@ from romsindy.record.ringing import require_channels
 
 
 def refined_forced(
-    model: AnyModel,
+    model: Equations,
     several: Sequence[ForcedVibration | Decay],
     fixed: Collection[str] = (),
     *,
@@ -94,7 +94,7 @@ class Look(NamedTuple):
         return cls(records, free_shapes(records), modes)
 
     @classmethod
-    def near(cls, model: AnyModel, several: Sequence[ForcedVibration | Decay]) -> Look:
+    def near(cls, model: Equations, several: Sequence[ForcedVibration | Decay]) -> Look:
         """For a model without inputs, with frequencies near those of the records."""
         if not model.numbered:
             return cls.of(several, None)
@@ -121,7 +121,7 @@ class Look(NamedTuple):
 
     def model(
         self, terms: tuple[Term, ...], inputs: Sequence[Input], fixed: Mapping[str, float]
-    ) -> AnyModel:
+    ) -> Equations:
         """Terms and inputs with values from which a fit may start; ``fixed`` ones are known."""
         unit = self.records[0].decay.unit
         if self.modes is None:
@@ -136,7 +136,7 @@ class Look(NamedTuple):
     def fit(
         self,
         names: tuple[str, ...],
-        model: AnyModel,
+        model: Equations,
         loss: str = "linear",
         progress: Callable[[str], None] | None = None,
     ) -> Fit:
@@ -203,7 +203,7 @@ class Driven:
     loss: str = "linear"
     progress: Callable[[str], None] | None = None
 
-    def fit(self, model: AnyModel, beside: Sequence[Part]) -> Fit:
+    def fit(self, model: Equations, beside: Sequence[Part]) -> Fit:
         """From the values of a model on, and of the inputs and mode shapes beside it.
 
         Raises
@@ -251,7 +251,7 @@ class Driven:
             best, count = fit, count // 2
         return best
 
-    def _fit(self, model: AnyModel, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
+    def _fit(self, model: Equations, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
         offsets = (free_offsets(records, c) for c in range(records[0].n_channels))
         more = (*beside, *offsets)
         return refined(model, self.names, records, more, loss=self.loss, progress=self.progress)

@@ -13,8 +13,8 @@ from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.kernel.linear_steps import Linearisation
 from romsindy.fit.kernel.part import OnCoordinate, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.equations import Equations
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
 
@@ -22,7 +22,7 @@ _SMALL = 1e-6  # of the motion: a change by which derivatives are taken
 
 
 def equation_of(
-    model: AnyModel, parts: Sequence[Part], number: int, record: Prepared
+    model: Equations, parts: Sequence[Part], number: int, record: Prepared
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
     step = record.motion.grid.step
@@ -38,7 +38,7 @@ class ExtendedEquation:
     table serves all terms.
     """
 
-    model: AnyModel
+    model: Equations
     parts: tuple[Part, ...]
     record: int
     step: float
@@ -56,7 +56,7 @@ class ExtendedEquation:
         }
 
     @cached_property
-    def _inside(self) -> AnyModel:
+    def _inside(self) -> Equations:
         laws = [p for p in self.parts if _inner(p.effect)]
         return extended(self.model, laws) if laws else self.model
 

@@ -30,7 +30,7 @@ from romsindy.fit.kernel.part import (
 )
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.verdict import EXPLAINED
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _ITERATIONS = 16
@@ -41,7 +41,7 @@ _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
 def fit(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory] | None = None,
@@ -155,7 +155,7 @@ class _Iterate:
 
 
 def _linearised(
-    model: AnyModel,
+    model: Equations,
     parts: tuple[Part, ...],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory],
@@ -173,7 +173,7 @@ def _linearised(
     return system, responses
 
 
-def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Array:
+def coloured_covariance(model: Equations, solution: Solution, records: Sequence[Prepared]) -> Array:
     """Covariance of the values of a fit that converged, for the colour of what it leaves.
 
     nan where the motion leads far away with a further step.
@@ -195,7 +195,7 @@ def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[P
 
 
 def linear_table(
-    model: AnyModel, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
+    model: Equations, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
     equation = equation_of(model, parts, i, record)

@@ -24,7 +24,7 @@ from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.part import Part, Solution, extended
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import shoot, simulated, simulated_misfit
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 R = TypeVar("R", bound=Prepared)
@@ -55,7 +55,7 @@ def shortest(*several: Array) -> float:
 
 
 def fit_pieces(
-    model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared], cycles: float
+    model: Equations, parts: Sequence[Part], records: Sequence[Prepared], cycles: float
 ) -> Solution | None:
     """The model fitted to pieces so many cycles long, from the motions of the records.
 
@@ -98,13 +98,13 @@ _LEADS = 1e-2  # tolerance of chi-square: shorter horizons only lead on
 
 
 def fit_growing(
-    model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared]
+    model: Equations, parts: Sequence[Part], records: Sequence[Prepared]
 ) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
     """Values, and motions over most of the records, from which a fit over all of them may start.
 
     Parameters
     ----------
-    model : AnyModel
+    model : Equations
     parts : sequence of Part
         Without values for their shapes.
     records : sequence of Record
@@ -124,7 +124,7 @@ def fit_growing(
 
 
 def _step(
-    model: AnyModel,
+    model: Equations,
     parts: tuple[Part, ...],
     records: Sequence[Prepared],
     motions: tuple[Trajectory, ...],
@@ -151,7 +151,7 @@ def _is_law(part: Part) -> bool:
     return part.effect.term() is not None
 
 
-def _leashes(model: AnyModel, parts: tuple[Part, ...], record: Prepared) -> Array:
+def _leashes(model: Equations, parts: tuple[Part, ...], record: Prepared) -> Array:
     """Strength of each part that changes the acceleration by one part in a hundred."""
     motion = record.motion
     equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)

@@ -30,7 +30,7 @@ from romsindy.fit.kernel.part import (
     moved_parts,
 )
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _EVALUATIONS = 40
@@ -46,7 +46,7 @@ LOSSES = ("linear", "soft_l1")
 class _Problem:
     """Whitened misfits as a function of the values of all parts, then of the initial states."""
 
-    model: AnyModel
+    model: Equations
     parts: tuple[Part, ...]
     records: Sequence[Prepared]
     motions: list[Trajectory]  # the last ones, from which the next are found
@@ -127,7 +127,7 @@ class _Problem:
 
 
 def simulated(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory],
@@ -144,7 +144,7 @@ def simulated(
 
 
 def simulated_misfit(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory],
@@ -158,7 +158,7 @@ def simulated_misfit(
 
 
 def shoot(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory],

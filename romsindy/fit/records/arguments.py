@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
@@ -87,13 +87,13 @@ def require_known(fixed: Mapping[str, float], names: Sequence[str]) -> None:
             raise ValueError(f"fixed {name} = {value:g} must not be negative")
 
 
-def small_frequencies(model: AnyModel) -> Array:
+def small_frequencies(model: Equations) -> Array:
     """Of small vibrations, Hz, in the order of the coordinates that move most in them."""
     omega, modes = model.linear_modes
     return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)
 
 
-def free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:
+def free_names(model: Equations, fixed: Collection[str]) -> tuple[str, ...]:
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")

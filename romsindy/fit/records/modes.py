@@ -23,7 +23,7 @@ from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.records.between_samples import deviance
 from romsindy.fit.records.smooth import finer, on_grid, reflected
 from romsindy.fit.verdict import MODE, WORTH
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ringing import require_channels
@@ -58,7 +58,7 @@ class Modes(NamedTuple):
         return [int(i) for i in np.argmax(self.shapes == 1.0, axis=0)]
 
 
-def modes_in(model: CoupledModel, shapes: Array) -> Modes:
+def modes_in(model: Equations, shapes: Array) -> Modes:
     """The small vibrations of a model with its inputs, in channels of known shapes."""
     omega, modes = model.linear_modes
     order = np.argsort(np.argmax(np.abs(modes), axis=0))

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 # At q = 0 a secant takes the place of the slope, this part of the range off.
 _SECANT = 1e-6
 _OUTSIDE = 1.001  # of the range of the data, by rounding
-Function = Callable[[AnyModel, Array], Array]
+Function = Callable[[Equations, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,34 +32,26 @@ class Curve:
 
 def inertia_of(coordinate: int) -> Function:
     """h(q): inertia of a coordinate, from 1, beside its unit mass, all others at rest."""
-
-    def h(model: AnyModel, q: Array) -> Array:
-        if isinstance(model, CoupledModel):
-            at = coordinate - 1
-            return np.asarray(model.inertia(_along(model, coordinate, q))[:, at, at] - 1)
-        return model.inertia(q) - 1
-
-    return h
+    at = coordinate - 1
+    return lambda model, q: np.asarray(_held(model, at, q)[3][:, at, at] - 1)
 
 
 def secant_of(coordinate: int, size: float) -> Function:
     """K(q) / q of a coordinate, all others at rest; at 0 its limit. ``size`` is the range of q."""
-    step = _SECANT * size
+    at, step = coordinate - 1, _SECANT * size
 
-    def secant(model: AnyModel, q: Array) -> Array:
+    def secant(model: Equations, q: Array) -> Array:
         away = np.where(np.abs(q) < step, step, q)
-        if isinstance(model, CoupledModel):
-            force = model.stiffness(_along(model, coordinate, away))[:, coordinate - 1]
-        else:
-            force = model.stiffness(away)
-        return np.asarray(force / away)
+        return np.asarray(_held(model, at, away)[0][:, at] / away)
 
     return secant
 
 
-def _along(model: CoupledModel, coordinate: int, q: Array) -> Array:
-    """Positions (n, R) at which one coordinate is displaced."""
-    return q[:, None] * np.eye(model.n_coordinates)[coordinate - 1]
+def _held(model: Equations, at: int, q: Array) -> tuple[Array, ...]:
+    """Forces (n, R) and their slopes (n, R, R) where one coordinate is displaced, and held."""
+    positions = q[:, None] * np.eye(model.n_coordinates)[at]
+    rest = np.zeros_like(positions)
+    return model.residual_and_slopes(positions, rest, rest)
 
 
 def checked_range(q: ArrayLike, reach: tuple[float, float], unit: str | None) -> Array:
@@ -81,7 +73,7 @@ def checked_range(q: ArrayLike, reach: tuple[float, float], unit: str | None) ->
     return q
 
 
-def checked_coordinate(coordinate: int, model: AnyModel) -> int:
+def checked_coordinate(coordinate: int, model: Equations) -> int:
     """The number of a coordinate of a model, from 1.
 
     Raises

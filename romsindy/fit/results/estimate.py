@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,8 +29,8 @@ from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.results.predict import Forecast, Sensors, foretold, predicted
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
-from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
-from romsindy.physics.equations import gain_of, inputs_of, without_inputs
+from romsindy.physics.coupled import model_from_json
+from romsindy.physics.equations import Equations, gain_of, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import json_text, read_json
 from romsindy.physics.validation import array, made, several, table
@@ -73,7 +73,7 @@ class Estimate:
         If a free name is not in the model or stands twice, or the covariance does not fit.
     """
 
-    model: AnyModel
+    model: Equations
     free: tuple[str, ...]
     covariance: Array
     verdict: Adequacy
@@ -144,7 +144,7 @@ class Estimate:
         """
         return foretold(*self.draws(), self.sensors, self.verdict, record, samples)
 
-    def draws(self) -> tuple[AnyModel, tuple[str, ...], Array]:
+    def draws(self) -> tuple[Equations, tuple[str, ...], Array]:
         """A model, names of coefficients, and what they may be off by, (n_draws, m)."""
         return self.model, self.free, normal_draws(self.covariance, np.random.default_rng(0))
 
@@ -205,7 +205,7 @@ class Estimate:
     def _curve(self, q: ArrayLike, function: Function, coordinate: int) -> Curve:
         q = checked_range(q, self.reach_of(coordinate), self.model.unit)
 
-        def read(model: AnyModel) -> Array:
+        def read(model: Equations) -> Array:
             return function(model, q)
 
         value, half = read(self.model), 1.96 * self.errors_of(read)
@@ -234,12 +234,12 @@ class Estimate:
         ValueError
             For a model of several.
         """
-        if isinstance(self.model, CoupledModel):
+        if self.model.numbered:
             raise ValueError(
                 f"the model has {self.model.n_coordinates} coordinates, and one is needed here:"
                 " backbone_curve(model, mode=...) follows the modes of several"
             )
-        return self.model
+        return cast(ReducedModel, self.model)
 
     def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping of the model with their standard errors.
@@ -323,13 +323,13 @@ class Estimate:
             form=[[*as_coefficients(moves[0], moves[1], rate), 0.0]] * 2,
         )
 
-    def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
+    def errors_of(self, read: Callable[[Equations], Array]) -> Array:
         """Standard errors of numbers that are read off the model, to first order."""
         errors = self.standard_errors
         slopes = np.array([self._slope(name, error, read) for name, error in errors.items()])
         return np.sqrt(np.einsum("p...,pq,q...->...", slopes, self.covariance, slopes))
 
-    def _slope(self, name: str, error: float, read: Callable[[AnyModel], Array]) -> Array:
+    def _slope(self, name: str, error: float, read: Callable[[Equations], Array]) -> Array:
         """Derivative of these numbers with respect to a coefficient."""
         model = self.model
         if error == 0:  # without error it adds nothing, whatever its slope
@@ -449,9 +449,9 @@ class Band:
     unit: str | None
 
 
-def curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
+def curves_near(model: Equations, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
     """A function of the model, or one near it: angular frequency and damping ratio, (2, n)."""
     require_mode(mode, model)
-    if isinstance(model, CoupledModel):
+    if model.numbered:
         return mode_orbits(model, amplitudes, mode).curves
     return lambda near: near.frequency_and_damping(amplitudes)

@@ -27,12 +27,12 @@ from romsindy.fit.kernel.pieces import fit_growing, fit_pieces, lengths, moved
 from romsindy.fit.kernel.prepared import Prepared, record_notes
 from romsindy.fit.kernel.shooting import TOLERANCE, shoot
 from romsindy.fit.records.mode_shape import CurvedShape, Offset
+from romsindy.fit.records.resonance import resonance_notes, resonances_in
 from romsindy.fit.results.curve import checked_coordinate
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.predict import Sensors
-from romsindy.fit.results.vibrations import resonance_notes, resonances_in
 from romsindy.fit.verdict import EXPLAINED
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
@@ -64,7 +64,7 @@ class Fit(Estimate):
         Changes of the free coefficients, then the offsets of the sensor where they were fitted.
     """
 
-    start: AnyModel
+    start: Equations
     records: tuple[Prepared, ...]
     solution: Solution
 
@@ -184,7 +184,7 @@ class Fit(Estimate):
 
 
 def refined(
-    model: AnyModel,
+    model: Equations,
     free: tuple[str, ...],
     records: Sequence[Prepared],
     more: tuple[Part, ...] = (),
@@ -213,7 +213,7 @@ def refined(
 
 
 def concluded(
-    model: AnyModel, start: AnyModel, records: Sequence[Prepared], solution: Solution
+    model: Equations, start: Equations, records: Sequence[Prepared], solution: Solution
 ) -> Fit:
     """What a solution says of a model that was followed from ``start``."""
     peak = max(record.peak for record in records)
@@ -237,7 +237,7 @@ def concluded(
     )
 
 
-def _undetermined(model: AnyModel, free: Sequence[str], covariance: Array) -> str:
+def _undetermined(model: Equations, free: Sequence[str], covariance: Array) -> str:
     """Linear stiffness that is not told from 0, and inputs that move no coordinate for certain."""
     errors = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     values = model.coefficients
@@ -262,7 +262,7 @@ def _verdict(records: Sequence[Prepared], solution: Solution, undetermined: str)
     return examine(records, solution.residuals, solution.n_values)
 
 
-def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[str]:
+def _growing(model: Equations, free: Sequence[str], covariance: Array) -> list[str]:
     """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
     std = np.sqrt(np.diag(covariance))
     surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
@@ -285,7 +285,7 @@ def _notes(records: Sequence[Prepared], solution: Solution) -> tuple[str, ...]:
 
 
 def _followed(
-    model: AnyModel,
+    model: Equations,
     parts: tuple[Part, ...],
     records: Sequence[Prepared],
     settled: bool,
@@ -325,7 +325,7 @@ def _followed(
     return shot(found, records, motions)
 
 
-def _in_pieces(model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared]) -> Solution:
+def _in_pieces(model: Equations, parts: Sequence[Part], records: Sequence[Prepared]) -> Solution:
     """Where a fit of whole records does not settle: to the longest pieces that the model follows.
 
     Raises

@@ -34,8 +34,7 @@ from romsindy.fit.records.measured import ready_along
 from romsindy.fit.records.modes import modes_in
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.verdict import FALSE_ALARM, SAME_DAMPING, SAME_FREQUENCY
-from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.equations import inputs_of, without_inputs
+from romsindy.physics.equations import Equations, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
@@ -77,7 +76,7 @@ class Forecast(NamedTuple):
 class Simulated(NamedTuple):
     """A record that the model follows from the state that its first samples show."""
 
-    model: AnyModel
+    model: Equations
     parts: tuple[Part, ...]  # beside it, with coefficients that may err
     record: Prepared
     start: Array  # (2 R,)
@@ -97,7 +96,7 @@ class Simulated(NamedTuple):
 
 
 def predicted(
-    model: AnyModel, sensors: Sensors, record: Decay | ForcedVibration, samples: int
+    model: Equations, sensors: Sensors, record: Decay | ForcedVibration, samples: int
 ) -> Array:
     """Simulate a record from the state that its first samples show: see `Estimate.predict`."""
     found = _followed(model, (), sensors, record, samples)
@@ -111,7 +110,7 @@ def _like(measured: Decay | ForcedVibration, found: Simulated, shown: Array) -> 
 
 
 def foretold(
-    model: AnyModel,
+    model: Equations,
     names: tuple[str, ...],
     changes: Array,
     sensors: Sensors,
@@ -136,7 +135,7 @@ def foretold(
 
 
 def _followed(
-    model: AnyModel,
+    model: Equations,
     names: tuple[str, ...],
     sensors: Sensors,
     record: Decay | ForcedVibration,
@@ -158,7 +157,7 @@ def _followed(
     return of(acting, [n for n in names if n in acting.coefficients], sensors, record, samples)
 
 
-def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
+def _acting(model: Equations, record: Decay | ForcedVibration) -> Any:
     """The model as it moves in a record: without its inputs in a decay."""
     if isinstance(record, Decay):
         return without_inputs(model)
@@ -200,7 +199,7 @@ def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
 
 
 def _of_several(
-    model: CoupledModel,
+    model: Equations,
     names: Sequence[str],
     sensors: Sensors,
     measured: Decay | ForcedVibration,
@@ -229,9 +228,7 @@ def _of_several(
     return Simulated(smooth, (*own, *curved), record, start, offset)
 
 
-def _start(
-    model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, samples: int
-) -> Array:
+def _start(model: Equations, curved: Sequence[Part], record: CoupledRecord, samples: int) -> Array:
     """State that the first samples show, (2 R,): of few cycles, and then of more and more.
 
     From a state that is far off, a fit over many cycles would not find its way. Vibrations that
@@ -251,7 +248,7 @@ def _start(
 
 
 def _grown(
-    model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, first: int, samples: int
+    model: Equations, curved: Sequence[Part], record: CoupledRecord, first: int, samples: int
 ) -> Solution:
     """The initial state of all samples, from that of the first ones."""
     few, equation = record.beginning(first), equation_of(model, (), 0, record)
@@ -262,10 +259,10 @@ def _grown(
     return shoot(model, curved, [record.beginning(samples)], motions, fixed=True)[0]
 
 
-def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:
+def _linear_state(model: Equations, record: CoupledRecord) -> Array:
     """The state from which small vibrations of the model would show the record best, (2 R,)."""
     r, rest = model.n_coordinates, np.zeros((1, model.n_coordinates))
-    _, by_q, by_q_dot, by_q_ddot = model.linearise(rest, rest, rest)
+    _, by_q, by_q_dot, by_q_ddot = model.residual_and_slopes(rest, rest, rest)
     rates = -np.linalg.solve(by_q_ddot[0], np.concatenate([by_q[0], by_q_dot[0]], axis=1))
     a = np.block([[np.zeros((r, r)), np.eye(r)], [rates]])
     shown = record.shapes @ np.linalg.matrix_power(a, record.derivative)[:r]
