@@ -23,7 +23,7 @@ _MOVED = {
     "identify_forced": "identify(records)",
     "free_run": "the method predict(record, samples) of what identify and refine give",
     # What functions give, and nobody makes, is imported from its room.
-    "Adequacy": "romsindy.fit.adequacy.decays.Adequacy",
+    "Adequacy": "romsindy.fit.adequacy.verdicts.Adequacy",
     "BackboneCurve": "romsindy.orbits.curves.BackboneCurve",
     "Band": "romsindy.fit.results.estimate.Band",
     "BeamReport": "romsindy.diagnosis.BeamReport",

@@ -10,7 +10,8 @@ from scipy.signal import StateSpace, cont2discrete, dlsim
 
 import romsindy as rs
 from romsindy import ForcedVibration, identify, refine
-from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
+from romsindy.fit.adequacy.independence import examine_forced
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.records.driven import ForcedRecord
 from romsindy.fit.results.fitted import _undetermined
 from romsindy.fit.results.signs import stand_ins

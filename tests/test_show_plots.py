@@ -19,7 +19,7 @@ from romsindy import (
     forced_response,
 )
 from romsindy.effects import AirDrag
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.functions.series import Sizes
 from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL

@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
+from romsindy.beam.beam import Beam
+from romsindy.beam.motion import Motion, SensorArray, StepTooLongError
 from romsindy.commands.outputs import Output, WritingCommand, told, writing
 from romsindy.record.files.whole import whole
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Trajectory
@@ -33,6 +33,7 @@ from romsindy.physics.equations import Equations, inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Measurement
 from romsindy.record.signals import rest_level
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
@@ -53,7 +54,7 @@ _NUMBER = (*_WHOLE, float, np.floating)
 
 def decays_of(name: str, given: object) -> list[Decay]:
     """One decay or several, as a list; other things are refused by the name of the argument."""
-    several = [given] if isinstance(given, Decay) else given
+    several = [given] if isinstance(given, Measurement) else given
     if not isinstance(several, Iterable) or isinstance(several, (str, bytes)):
         raise ValueError(f"{name} = {given!r} must be a Decay, or several of them in a list")
     decays, others = _of_kind(list(several), Decay)
@@ -157,10 +158,7 @@ def forced_alone(measured: object) -> list[ForcedVibration]:
 def refuse_beside(what: str, instead: str, **given: object) -> None:
     """Refuse arguments that do not go with something, and say what to do instead.
 
-    Raises
-    ------
-    ValueError
-        By the name of the argument.
+    Raises a ValueError by the name of the argument.
     """
     strange = [name for name, value in given.items() if value is not None]
     if strange:

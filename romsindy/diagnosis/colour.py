@@ -20,8 +20,8 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy.decays import Adequacy
 from romsindy.fit.adequacy.independence import examine_driven
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit, linear_table
 from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_noises

@@ -31,7 +31,7 @@ from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, limits, moved_parts, prior_cost
 from romsindy.fit.process_noise import Departures, Marginal
-from romsindy.fit.records.measured import free_offsets
+from romsindy.fit.records.mode_shape import free_offsets
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import KNOWN_CURVATURE, KNOWN_GAIN, NAMED_ABOVE, RARER
 from romsindy.physics.model import ReducedModel
@@ -155,10 +155,7 @@ class FormError:
         floor : float
             Least noise, as a part of the largest amplitude.
 
-        Raises
-        ------
-        ValueError
-            If the model has no motion near the record.
+        Raises a ValueError if the model has no motion near the record.
         """
         records = [Record.loud(reference, floor)]
         parts = [Part.of(e, scales(records), 1) for e in (LinearFrequency(), Viscous())]

@@ -33,7 +33,7 @@ from romsindy.diagnosis.report import (
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.effects import CATALOGUE, look_alikes
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import LEFT_OVER

@@ -21,7 +21,7 @@ from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record

@@ -21,8 +21,7 @@ from romsindy.diagnosis.report import Explained
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
-from romsindy.fit.adequacy.decays import Adequacy
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.part import extended

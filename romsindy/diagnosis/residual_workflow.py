@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.arguments import (
     FREE,
     check_inputs,
@@ -42,7 +42,8 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.fit.adequacy.decays import Adequacy, examine
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.forced.drives import (
     drives_of,
     freed,
@@ -56,8 +57,7 @@ from romsindy.fit.records.arguments import small_frequencies
 from romsindy.fit.records.between_samples import rated, ways
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.records.driven import ForcedRecord
-from romsindy.fit.records.measured import free_offsets
-from romsindy.fit.records.mode_shape import ModeShape
+from romsindy.fit.records.mode_shape import ModeShape, free_offsets
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel

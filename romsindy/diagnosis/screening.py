@@ -21,7 +21,7 @@ from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 from romsindy.fit.kernel.normal_equations import NormalEquations
-from romsindy.fit.kernel.part import Part, columns_of, in_orders, read
+from romsindy.fit.kernel.part import Part, columns_of, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
 from romsindy.physics.equations import Equations
@@ -249,9 +249,8 @@ def _rows(
     response = respond(
         equation, motion, np.concatenate([own, *(f for f in forces if f is not None)])
     )
-    orders, m = record.orders(parts), len(own)
-    change = in_orders(orders, response.samples)
-    measured = in_orders(orders, partial(sampled, motion))
+    m, change = len(own), record.in_orders(parts, response.samples)
+    measured = record.in_orders(parts, partial(sampled, motion))
     reading = record.read(parts, i, measured + change[..., 0])
     columns = reading.by_motion(change[..., 1:])
     states = columns[:, -2 * model.n_coordinates :]

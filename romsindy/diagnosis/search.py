@@ -20,7 +20,7 @@ from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.part import Coefficient, Part, Solution
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.equations import Equations

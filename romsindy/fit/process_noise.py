@@ -26,7 +26,6 @@ import numpy as np
 from romsindy.fit.form import grown
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
-from romsindy.fit.kernel.gauss_newton import table
 from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, columns_of, held_values, limits, moved_parts
@@ -71,10 +70,7 @@ class Windows:
     ) -> Windows:
         """Linearise a fit to record ``i`` about a motion; beyond amplitudes departures grow.
 
-        Raises
-        ------
-        TrajectoryError
-            If small disturbances of the motion grow without bound.
+        Raises a TrajectoryError if small disturbances of the motion grow without bound.
         """
         equation = ExtendedEquation(model, parts, i, m.grid.step, record.clock)
         with np.errstate(all="ignore"):
@@ -88,7 +84,7 @@ class Windows:
             raise TrajectoryError("small disturbances of the motion grow without bound")
         change = response.samples(record.derivative)
         x = sampled(m, record.derivative) + change[..., 0]
-        rows = table(parts, i, record, x, change[..., 1:])
+        rows = record.table(parts, i, x, change[..., 1:])
         # A departure turns the state, and stretches it.
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
         unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)

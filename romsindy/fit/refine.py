@@ -13,11 +13,11 @@ from typing import Any, cast
 
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.forced.weighed import examined
 from romsindy.fit.kernel.part import LINEAR, Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import LOSSES
 from romsindy.fit.records.arguments import (
+    driven_among,
     free_names,
     listed_records,
     require_known,
@@ -26,9 +26,10 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.coupled import coupled_records, free_shapes
-from romsindy.fit.records.measured import free_offsets, prepared, ready
+from romsindy.fit.records.measured import prepared, ready
+from romsindy.fit.records.mode_shape import free_offsets
 from romsindy.fit.records.record import NUMERICS, Record
-from romsindy.fit.results.fitted import Fit, refined
+from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.equations import Equations
@@ -84,7 +85,7 @@ def refine(
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
     several = listed_records(decays)
-    if any(isinstance(d, ForcedVibration) for d in several):
+    if driven_among(several):
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)

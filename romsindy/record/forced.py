@@ -15,13 +15,13 @@ from scipy.signal import ShortTimeFFT, find_peaks, periodogram
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
 from romsindy.record.recording import (
     QUANTITIES,
+    Measurement,
     Quantity,
     RecordedInput,
     checked_signal,
     checked_time,
     part_between,
     uniform_times,
-    unit_of,
 )
 from romsindy.record.signals import runs, vertex
 from romsindy.typing import Array
@@ -49,7 +49,7 @@ _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ForcedVibration:
+class ForcedVibration(Measurement):
     """One forced vibration, uniformly sampled; checked when it is made.
 
     Parameters
@@ -141,19 +141,9 @@ class ForcedVibration:
         object.__setattr__(self, "notes", notes)
 
     @property
-    def dt(self) -> float:
-        """Sampling interval in s."""
-        return float(self.t[1] - self.t[0])
-
-    @property
-    def derivative(self) -> int:
-        """0, 1, 2 where displacement, velocity or acceleration was measured."""
-        return QUANTITIES.index(self.measured)
-
-    @property
-    def n_channels(self) -> int:
-        """Number of channels of y."""
-        return 1 if self.y.ndim == 1 else self.y.shape[1]
+    def response(self) -> Array:
+        """y."""
+        return self.y
 
     @property
     def signal(self) -> Array:
@@ -170,11 +160,6 @@ class ForcedVibration:
                 " model several coordinates"
             )
         return self.y
-
-    @property
-    def signal_unit(self) -> str:
-        """Unit of the samples of the response."""
-        return unit_of(self.measured, self.unit)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,11 +6,12 @@ Numbers, dates, masks; uniform and increasing times.
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,10 +48,7 @@ def as_seconds(name: str, t: ArrayLike) -> Array:
     Those of NumPy (``datetime64``, ``timedelta64``), of pandas and of Python's ``datetime`` are
     taken, exact to the last digit of a float; of masked ones nan.
 
-    Raises
-    ------
-    ValueError
-        As `as_floats`.
+    Raises a ValueError as `as_floats`.
     """
     times = np.asarray(t)
     first = times.flat[0] if times.size else 0.0
@@ -133,10 +131,8 @@ def require_increasing(
 def checked_time(t: ArrayLike) -> Array:
     """Times of a record, (n,) in s.
 
-    Raises
-    ------
-    ValueError
-        Unless they are finite numbers that increase without a gap, at least 8 of them.
+    Raises a ValueError unless they are finite numbers that increase without a gap, at least 8 of
+    them.
     """
     t = enough_times(t)
     _refuse_nan("t", t)
@@ -198,6 +194,53 @@ GAP = 1.5
 def unit_of(quantity: Quantity, unit: str | None) -> str:
     """Unit of a quantity where q has a unit."""
     return (unit or "[q]") + ("", "/s", "/s^2")[QUANTITIES.index(quantity)]
+
+
+class Measurement(ABC):
+    """A record of one motion, uniformly sampled: a `Decay`, or a `ForcedVibration` with inputs."""
+
+    t: Array
+    unit: str | None
+    measured: Quantity
+
+    @property
+    @abstractmethod
+    def response(self) -> Array:
+        """What was measured of the motion, (n,) or (n, n_channels)."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Of the inputs that were measured; none drives a decay."""
+
+    @abstractmethod
+    def same_record(self, other: Any) -> bool:
+        """Whether both hold the same samples."""
+
+    @property
+    def driven(self) -> bool:
+        """Whether inputs drive the motion."""
+        return bool(self.names)
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s."""
+        return float(self.t[1] - self.t[0])
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels that show the motion."""
+        return 1 if self.response.ndim == 1 else self.response.shape[1]
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return QUANTITIES.index(self.measured)
+
+    @property
+    def signal_unit(self) -> str:
+        """Unit of the measured quantity."""
+        return unit_of(self.measured, self.unit)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -97,10 +97,7 @@ def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:
     seed : int, optional
         None draws other noise every time.
 
-    Raises
-    ------
-    ValueError
-        If the ratio is not finite.
+    Raises a ValueError if the ratio is not finite.
     """
     if not np.isfinite(snr_db):
         raise ValueError(f"snr_db = {snr_db!r} must be a finite number of decibels")

@@ -6,7 +6,7 @@ import itertools
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -19,7 +19,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.recording import as_floats, as_seconds
+from romsindy.record.recording import Measurement, as_floats, as_seconds
 from romsindy.record.smoothing import Filter
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
 from romsindy.regression.projection import HarmonicProjection, HarmonicRows
@@ -273,7 +273,8 @@ def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
     Raises a ValueError if inputs are given beside decays, or shapes do not fit.
     """
     several = list(x) if isinstance(x, (list, tuple)) else [x]
-    forced = [v for v in several if getattr(v, "inputs", ())]
+    driven = [v for v in several if isinstance(v, Measurement) and v.driven]
+    forced = cast(list[ForcedVibration], driven)
     if u is None:
         if forced and len(forced) < len(several):
             raise ValueError(
@@ -308,7 +309,7 @@ def _forced(x: Any, t: Any, u: Any) -> ForcedVibration:
 
 def _is_decay(x: Any) -> bool:
     """Whether it is a record that nothing drives."""
-    return getattr(x, "inputs", None) == ()
+    return isinstance(x, Measurement) and not x.driven
 
 
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:

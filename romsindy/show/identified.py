@@ -22,7 +22,7 @@ from romsindy.physics.equations import Equations, inputs_of
 from romsindy.physics.input import input_in
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.show.beside import Beside
+from romsindy.regression.judged import Beside
 from romsindy.show.compared import Compared, channels_of
 from romsindy.text import TextTable, quantity, with_error
 from romsindy.typing import Array, Indices
@@ -146,7 +146,7 @@ class Identified:
         """
         if not self.compared or not all(np.isfinite(x).all() for _, x in self.compared):
             return []
-        driven = [pair for pair in self.compared if pair[0].inputs]
+        driven = [pair for pair in self.compared if pair[0].driven]
         return channels_of(driven or [self.compared[int(np.argmax(self.left))]])
 
     def what_is_left(self) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.results.curve import Curve
 from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.fit.results.forced_band import ForcedBand
@@ -24,9 +24,9 @@ from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
+from romsindy.regression.judged import Beside
 from romsindy.show import plots
 from romsindy.show.axes import with_unit
-from romsindy.show.beside import Beside
 from romsindy.show.compared import (
     Compared,
     Density,

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.kernel.prepared import Prepared, one_a_decay
 from romsindy.fit.results.estimate import Band, Estimate, curves_near
 from romsindy.fit.results.fitted import Fit

@@ -14,15 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import Beam, NoEquilibriumError
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
-from romsindy.diagnosis.on_beam.mounted import BeamEffect
-from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, changes_of
+from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
 from romsindy.fit.kernel.collocation import integrate
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.gauss_newton import fit
@@ -38,7 +36,6 @@ from romsindy.typing import Array
 
 # A cycle is left out that differs by so many times the median of so many later ones.
 _RESTLESS, _NEXT = 1.3, 8
-
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
@@ -128,29 +125,6 @@ class Corrected(NamedTuple):
     readings: Array  # (n, n_sensors), in what was measured
     start: tuple[float, float]  # coordinate and its rate
     release: ReleaseLoad
-
-
-def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
-    """Parts that exist on a beam and are there."""
-    return tuple(p for p in parts if isinstance(p.effect, BeamEffect) and np.any(p.strengths))
-
-
-def effects_of(parts: Sequence[Part]) -> list[Any]:
-    """What `Beam.with_effect` takes, of some parts."""
-    there = on_the_beam(parts)
-    own = [p for p in there if not isinstance(p.effect, ParameterDirection)]
-    return changes_of(there) + [p.effect.on_beam(float(p.strengths[0, 0])) for p in own]
-
-
-def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
-    """The beam with the effects of some parts.
-
-    Raises a NoEquilibriumError if there can be no such beam.
-    """
-    try:
-        return reduce(Beam.with_effect, effects_of(parts), beam)
-    except ValueError as error:
-        raise NoEquilibriumError(f"there is no such beam: {error}") from error
 
 
 def corrected(

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points

@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import Advice
-from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
-from romsindy.diagnosis.on_beam.within_tolerances import Adjusted, adjusted, in_words
+from romsindy.diagnosis.on_beam.within_tolerances import (
+    Adjusted,
+    adjusted,
+    beam_with,
+    effects_of,
+    in_words,
+)
 from romsindy.diagnosis.report import DiagnosisReport, Written
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.fit.kernel.part import Part

@@ -21,14 +21,14 @@ import numpy as np
 from scipy.special import fdtrc
 
 from romsindy.effects.choices import couplings
-from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
+from romsindy.fit.adequacy.verdicts import CYCLES, LEAST_LEVELS, MOST_LEVELS, ForcedAdequacy
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.noises import Noises, TwoNoises, found_noises, steady
-from romsindy.fit.kernel.part import Part, Solution, columns_of, in_orders
+from romsindy.fit.kernel.part import Part, Solution, columns_of
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.verdict import FADES, FALSE_ALARM
 from romsindy.physics.equations import Equations
@@ -171,9 +171,9 @@ class Tried:
         two = TwoNoises.along(equation, parts, number, record, motion)
         noises, forces = found_noises(two, left), list(forces)
         response = respond(equation, motion, np.array([f.values for f in forces]))
-        orders, states = record.orders(parts), len(motion.start)
-        x = in_orders(orders, response.samples)[..., 1:-states]
-        reading = record.read(parts, number, in_orders(orders, partial(sampled, motion)))
+        states = len(motion.start)
+        x = record.in_orders(parts, response.samples)[..., 1:-states]
+        reading = record.shown(parts, number, partial(sampled, motion))
         columns = np.column_stack([fitted, reading.by_motion(x)])
         products = two.table(np.column_stack([columns, left])).weighed(noises).products
         names = tuple(f.name for f in forces)
@@ -257,3 +257,48 @@ def _directions(system: Array, some: Indices) -> tuple[Array, Array]:
     sizes, vectors = np.linalg.eigh(own * scale * scale[:, None])
     told = sizes > _RANK * sizes[-1]
     return scale[:, None] * vectors[:, told], sizes[told]
+
+
+def examine_forced(
+    records: Sequence[Prepared],
+    residuals: Sequence[Array],
+    n_values: int,
+    false_alarm: float = FALSE_ALARM,
+) -> ForcedAdequacy:
+    """How much residuals (n,) are; what they are is not tried, see `independence`."""
+    n = sum(map(len, residuals))
+    power = sum(float(e @ e) for e in residuals)
+    noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    heard = sum(r.power for r in records)
+    return ForcedAdequacy(
+        ratio=float(np.sqrt(noise / max(n - n_values, 1))),
+        p_value=np.nan,
+        structure=1.0,
+        below_floor=False,
+        amplitude=np.zeros(0),
+        misfit=np.zeros(0),
+        limit=max(r.amplitude for r in records),
+        unit=records[0].decay.unit,
+        false_alarm=false_alarm,
+        left=float(np.sqrt(power / n)),
+        part=float(np.sqrt(power / heard)),
+        measured_unit=records[0].decay.signal_unit,
+        levels=_levels(records, residuals),
+    )
+
+
+def _levels(records: Sequence[Prepared], residuals: Sequence[Array]) -> Array:
+    """Rms of the response and of what is left, (k, 2), from quiet to loud."""
+    windows = []
+    for record, left in zip(records, residuals, strict=True):
+        size = round(CYCLES / (float(record.frequencies.min()) * record.decay.dt))
+        both = np.stack([record.signal - record.signal.mean(), left]).reshape(2, -1, len(record.t))
+        whole = len(record.t) // size
+        parts = both[..., : whole * size].reshape(2, both.shape[1], whole, size)
+        windows.append(np.mean(parts**2, axis=(1, 3)).T)
+    power = np.concatenate(windows)
+    count = min(MOST_LEVELS, len(power) // 2)
+    if count < LEAST_LEVELS:
+        return np.zeros((0, 2))
+    ordered = power[np.argsort(power[:, 0])]
+    return np.sqrt([part.mean(axis=0) for part in np.array_split(ordered, count)])

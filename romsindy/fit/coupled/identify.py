@@ -140,11 +140,8 @@ def model_with_terms(
 ) -> CoupledModel:
     """The small vibrations that ring, or are driven, with terms beside them: 0, or what is known.
 
-    Raises
-    ------
-    ValueError
-        If the number of coordinates is not given, a term is of one coordinate without saying of
-        which, or for names or values in ``fixed`` that cannot be.
+    Raises a ValueError if the number of coordinates is not given, a term is of one coordinate
+    without saying of which, or for names or values in ``fixed`` that cannot be.
     """
     if not isinstance(coordinates, int):
         raise ValueError(f"coordinates = {coordinates!r} must be a number where terms are given")

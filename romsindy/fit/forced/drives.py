@@ -30,10 +30,7 @@ def inputs_in(
 ) -> tuple[Input, ...]:
     """Inputs of records, those of a name once.
 
-    Raises
-    ------
-    ValueError
-        If one has two units.
+    Raises a ValueError if one has two units.
     """
     found: dict[str, Input] = {}
     for v in vibrations:

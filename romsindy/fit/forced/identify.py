@@ -12,7 +12,7 @@ import numpy as np
 
 from romsindy.effects.choices import KINDS, sought
 from romsindy.effects.choices import candidates as coupled_candidates
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.choice.selection import Gram, Linearised, Trials, dragged
 from romsindy.fit.forced.drives import inputs_in
 from romsindy.fit.forced.refine import Look, decided
@@ -234,10 +234,7 @@ def linear_of(model: Equations) -> tuple[Term, ...]:
 def stiffness_to(order: int) -> list[Term]:
     """Powers of the displacement from the second to this one.
 
-    Raises
-    ------
-    ValueError
-        If the order is below 1.
+    Raises a ValueError if the order is below 1.
     """
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 1:
         raise ValueError(f"order = {order!r} must be a whole number, 1 or more")

@@ -10,25 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
-from romsindy.fit.forced.weighed import examined
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
-from romsindy.fit.kernel.part import Coefficient, Part, in_orders
+from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.arguments import driven_among, free_names, require_unit, small_frequencies
 from romsindy.fit.records.between_samples import Rivals, rated, ways
 from romsindy.fit.records.coupled import free_shapes
-from romsindy.fit.records.measured import free_offsets, ready, ready_along
-from romsindy.fit.records.mode_shape import Offset
+from romsindy.fit.records.measured import ready, ready_along
+from romsindy.fit.records.mode_shape import Offset, free_offsets
 from romsindy.fit.records.modes import Modes, modes_near
-from romsindy.fit.results.fitted import Fit, refined
+from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.physics.coupled import CoupledModel, linear_model
 from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs
 from romsindy.physics.input import Input, input_in
@@ -89,7 +88,7 @@ class Look(NamedTuple):
         """For one coordinate, or those of some modes."""
         if modes is None:
             return cls(ready(several))
-        free = [v if isinstance(v, ForcedVibration) else v.free() for v in several]
+        free = [v if v.driven else cast(Decay, v).free() for v in several]
         records = ready_along(free, modes)
         return cls(records, free_shapes(records), modes)
 
@@ -206,10 +205,7 @@ class Driven:
     def fit(self, model: Equations, beside: Sequence[Part]) -> Fit:
         """From the values of a model on, and of the inputs and mode shapes beside it.
 
-        Raises
-        ------
-        TrajectoryError
-            If no motion of the model follows even some cycles.
+        Raises a TrajectoryError if no motion of the model follows even some cycles.
         """
         whole, failure = None, TrajectoryError("")
         try:
@@ -308,9 +304,7 @@ def _left_by_one(fit: Fit, records: Sequence[Prepared], count: int) -> float:
             motion = integrate(equation, start, record.motion.grid, record.motion)
         except TrajectoryError:
             return np.nan
-        parts = fit.solution.parts
-        x = in_orders(record.orders(parts), partial(motion.samples, equation))
-        missed = record.signal - record.read(parts, number, x).shown
+        missed = record.missed(fit.solution.parts, number, partial(motion.samples, equation))
         left += float(missed @ missed)
         heard += record.power
         number += count

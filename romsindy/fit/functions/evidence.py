@@ -172,10 +172,8 @@ def fit(
     progress : callable, optional
         Called with a line of text at every step.
 
-    Raises
-    ------
-    TrajectoryError
-        If the motion goes astray, or stays far from the records though their noise is given.
+    Raises a TrajectoryError if the motion goes astray, or stays far from the records though their
+    noise is given.
     """
     scales = prior.MIDDLE if start is None else start.scales
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump

@@ -9,7 +9,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy.decays import Adequacy, examine
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import Fitted, fit, regressed

@@ -17,8 +17,15 @@ from itertools import count
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
-from romsindy.fit.adequacy.independence import Force, Tried, forces_alone, independence, judged
+from romsindy.fit.adequacy.independence import (
+    Force,
+    Tried,
+    examine_forced,
+    forces_alone,
+    independence,
+    judged,
+)
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
 from romsindy.fit.functions.prior import nearest
 from romsindy.fit.functions.series import Series
@@ -79,10 +86,7 @@ def weighed(start: Fitted) -> Fitted | None:
 
     None where there is no such force, or one that is not the same all along.
 
-    Raises
-    ------
-    TrajectoryError
-        If no motion follows the records.
+    Raises a TrajectoryError if no motion follows the records.
     """
     for _ in range(_ROUNDS):
         series, ways = _near(start.series, start.records), simulated(start, start.series.values)
@@ -108,10 +112,7 @@ def _whole(number: int, motion: Trajectory) -> Window:
 def again(start: Fitted, series: Series) -> Fitted:
     """Fit a like series by the noises of another fit.
 
-    Raises
-    ------
-    TrajectoryError
-        If its motion goes astray.
+    Raises a TrajectoryError if its motion goes astray.
     """
     now = replace(start, series=series, noise=1.0, jump=float(JUMPS[0]), converged=False)
     for _ in range(_STEPS):

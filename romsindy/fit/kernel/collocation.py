@@ -193,10 +193,8 @@ def integrate(
     -------
     Trajectory
 
-    Raises
-    ------
-    TrajectoryError
-        If the motion cannot be followed: it diverges, or M(q) is not positive on the way.
+    Raises a TrajectoryError if the motion cannot be followed: it diverges, or M(q) is not positive
+    on the way.
     """
     n, now = grid.n_steps, np.reshape(np.asarray(state, float), (2, -1))
     r = now.shape[1]

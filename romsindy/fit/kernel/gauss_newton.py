@@ -23,7 +23,6 @@ from romsindy.fit.kernel.part import (
     Solution,
     columns_of,
     held_values,
-    in_orders,
     limits,
     moved_parts,
     prior_cost,
@@ -113,7 +112,7 @@ def fit(
             break
         last = chi_squared
     residuals = tuple(
-        r.signal - r.read(parts, i, in_orders(r.orders(parts), partial(sampled, m))).shown
+        r.missed(parts, i, partial(sampled, m))
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
     pairs = list(zip(records, residuals, strict=True))
@@ -200,22 +199,9 @@ def linear_table(
     """Response of a motion to all values, and `table` of where it leads, in record i."""
     equation = equation_of(model, parts, i, record)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
-    orders = record.orders(parts)
-    change = in_orders(orders, response.samples)
-    x = in_orders(orders, partial(sampled, motion)) + change[..., 0]
-    return response, table(parts, i, record, x, change[..., 1:])
-
-
-def table(parts: Sequence[Part], i: int, record: Prepared, x: Array, by_value: Array) -> Array:
-    """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
-
-    ``by_value`` (n, k R, m) are those of the motion (n, k R), both in the `orders` of the record,
-    by the values that act in it and the state.
-    """
-    reading = record.read(parts, i, x)
-    jacobian = reading.by_motion(by_value)
-    jacobian[:, : len(reading.by_value)] += reading.by_value.T
-    return record.whitened(np.column_stack([jacobian, record.signal - reading.shown]))
+    change = record.in_orders(parts, response.samples)
+    x = record.in_orders(parts, partial(sampled, motion)) + change[..., 0]
+    return response, record.table(parts, i, x, change[..., 1:])
 
 
 def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:

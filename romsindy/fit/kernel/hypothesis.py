@@ -71,10 +71,8 @@ def _fastest(term: Term, q_dot: Array) -> float:
 def memory_parts(model: TermSum, records: Sequence[Prepared]) -> tuple[Part, ...]:
     """The forces of a model that remember, from their values there.
 
-    Raises
-    ------
-    ValueError
-        If a shape value is so far from what the records can show that no fit finds it.
+    Raises a ValueError if a shape value is so far from what the records can show that no fit finds
+    it.
     """
     if not model.memories:
         return ()

@@ -27,7 +27,7 @@ from scipy.stats import chi2
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.linear_response import sampled, states_shown
 from romsindy.fit.kernel.linear_steps import Equation, LinearSteps
-from romsindy.fit.kernel.part import Part, in_orders
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.typing import Array
 
@@ -137,11 +137,10 @@ class TwoNoises:
         t = grid.node_times(0, grid.n_steps)
         system = LinearSteps.at(equation, grid.step, t, motion.q, motion.q_dot, motion.q_ddot)
         unit = np.repeat([1.0, grid.step], r)  # states are q and h q_dot
-        orders = record.orders(parts)
-        at, _ = states_shown(grid, system, orders[0])
-        change = in_orders(orders, lambda order: states_shown(grid, system, order)[1]) / unit
-        x = in_orders(orders, partial(sampled, motion))
-        seen = record.by_channel(record.read(parts, number, x).by_motion(change))  # (c, n, 2 R)
+        at, _ = states_shown(grid, system, record.orders(parts)[0])
+        change = record.in_orders(parts, lambda order: states_shown(grid, system, order)[1]) / unit
+        reading = record.shown(parts, number, partial(sampled, motion))
+        seen = record.by_channel(reading.by_motion(change))  # (c, n, 2 R)
         places = at[:, None] * 2 * r + np.arange(2 * r)
         ends = np.arange(0, places.size + 1, 2 * r)
         shape = (len(places), 2 * r * (grid.n_steps + 1))

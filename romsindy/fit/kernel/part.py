@@ -6,7 +6,7 @@ An effect may be another coefficient of a model, or act on one of several coordi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -138,6 +138,12 @@ class Reading(NamedTuple):
         """Changes of the reading, (n, k), by changes (n, 1, k) of the motion."""
         return self.slope[:, None] * change[:, 0]
 
+    def by_all(self, change: Array) -> Array:
+        """The same by values that act in a record, those of the parts first, and the state."""
+        slopes = self.by_motion(change)
+        slopes[:, : len(self.by_value)] += self.by_value.T
+        return slopes
+
 
 def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> Reading:
     """What the sensor shows of a motion x, (n, 1).
@@ -157,12 +163,6 @@ def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> Reading:
         slope = slope + own @ part.effect.reading_slopes(t, x)
         rows.append(part.by_value("readings", (t, x), record))
     return Reading(shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x))))
-
-
-def in_orders(orders: Sequence[int], of: Callable[[int], Array]) -> Array:
-    """What a function gives for several derivatives, (n, R, ...) each, side by side."""
-    found = [of(order) for order in orders]
-    return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
 
 def columns_of(parts: Sequence[Part], record: int) -> Indices:

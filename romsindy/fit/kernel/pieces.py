@@ -109,10 +109,7 @@ def fit_growing(
         Without values for their shapes.
     records : sequence of Record
 
-    Raises
-    ------
-    TrajectoryError
-        If the model cannot be simulated over the first cycles.
+    Raises a TrajectoryError if the model cannot be simulated over the first cycles.
     """
     longest = max(float(r.t[-1]) for r in records)
     horizon = _FIRST * max(2 * np.pi / r.rate for r in records)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -162,6 +162,29 @@ class Prepared(ABC):
     def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
         """Which derivatives of the motion its reading needs."""
         return (self.derivative,)
+
+    def in_orders(self, parts: Sequence[Part], of: Callable[[int], Array]) -> Array:
+        """What a function gives for these derivatives, (n, R, ...) each, side by side."""
+        found = [of(order) for order in self.orders(parts)]
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+
+    def shown(self, parts: Sequence[Part], number: int, of: Callable[[int], Array]) -> Reading:
+        """`read` of a motion that is given by its derivatives."""
+        return self.read(parts, number, self.in_orders(parts, of))
+
+    def missed(self, parts: Sequence[Part], number: int, of: Callable[[int], Array]) -> Array:
+        """Measured minus that, (c n,)."""
+        return self.signal - self.shown(parts, number, of).shown
+
+    def table(self, parts: Sequence[Part], number: int, x: Array, by_value: Array) -> Array:
+        """Derivatives of the reading of a motion x, and its misfit, whitened: (c n, m + 1).
+
+        ``by_value`` (n, k R, m) are those of the motion (n, k R), both in the `orders` of the
+        record, by the values that act in it and the state.
+        """
+        reading = self.read(parts, number, x)
+        jacobian = reading.by_all(by_value)
+        return self.whitened(np.column_stack([jacobian, self.signal - reading.shown]))
 
 
 def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:

@@ -16,7 +16,6 @@ from scipy.optimize import least_squares
 
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.gauss_newton import table
 from romsindy.fit.kernel.linear_response import sensitivity
 from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.normal_equations import NormalEquations, priors
@@ -25,7 +24,6 @@ from romsindy.fit.kernel.part import (
     Solution,
     columns_of,
     held_values,
-    in_orders,
     limits,
     moved_parts,
 )
@@ -78,10 +76,7 @@ class _Problem:
         """Measured minus simulated, (n,) of each record."""
         parts, equations = self.at(values)
         motions = zip(self.records, equations, self.simulate(values), strict=True)
-        return [
-            r.signal - r.read(parts, i, in_orders(r.orders(parts), partial(m.samples, e))).shown
-            for i, (r, e, m) in enumerate(motions)
-        ]
+        return [r.missed(parts, i, partial(m.samples, e)) for i, (r, e, m) in enumerate(motions)]
 
     def misfit(self, values: Array) -> Array:
         """Whitened residuals, and what was known beforehand."""
@@ -108,10 +103,9 @@ class _Problem:
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         found: list[Array] = []
         for i, (record, equation, motion) in enumerate(motions):
-            orders = record.orders(parts)
-            slopes = in_orders(orders, partial(sensitivity, equation, motion))
-            x = in_orders(orders, partial(motion.samples, equation))
-            own = table(parts, i, record, x, slopes)
+            slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
+            x = record.in_orders(parts, partial(motion.samples, equation))
+            own = record.table(parts, i, x, slopes)
             n_states = len(motion.start)
             rows = np.zeros((len(own), len(values) + 1))
             first = self.n_values + n_states * i
@@ -134,10 +128,7 @@ def simulated(
 ) -> tuple[list[Trajectory], list[Array]]:
     """Motions from the initial states of some, and what they leave of the records.
 
-    Raises
-    ------
-    TrajectoryError
-        If there is no such motion.
+    Raises a TrajectoryError if there is no such motion.
     """
     problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
     return problem.simulate(problem.start), problem.residuals(problem.start)
@@ -192,10 +183,7 @@ def shoot(
     covariance : (n_values, n_values) array
         Of the values of all parts, for the colour that the residuals really have.
 
-    Raises
-    ------
-    TrajectoryError
-        If the first motions cannot be simulated.
+    Raises a TrajectoryError if the first motions cannot be simulated.
     """
     parts = tuple(parts)
     problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))

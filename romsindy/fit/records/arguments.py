@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
 from romsindy.physics.equations import Equations
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Measurement
 from romsindy.typing import Array
 
 
@@ -18,14 +20,11 @@ def listed_records(
 ) -> list[Decay | ForcedVibration]:
     """One record or several as a list; ``name`` is that of the argument.
 
-    Raises
-    ------
-    ValueError
-        For none, or anything else.
+    Raises a ValueError for none, or anything else.
     """
-    several = [records] if isinstance(records, (Decay, ForcedVibration)) else records
+    several = [records] if isinstance(records, Measurement) else records
     is_list = isinstance(several, (list, tuple))
-    if not is_list or not all(isinstance(d, (Decay, ForcedVibration)) for d in several):
+    if not is_list or not all(isinstance(d, Measurement) for d in several):
         raise ValueError(
             f"{name} is {type(records).__name__}: give a Decay or a list of them; arrays become one"
             ' by Decay(t, q, unit="m"), and with an input by ForcedVibration(t, y, u, unit="m")'
@@ -38,10 +37,7 @@ def listed_records(
 def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[Decay]:
     """The same of decays alone.
 
-    Raises
-    ------
-    ValueError
-        For none, or anything else.
+    Raises a ValueError for none, or anything else.
     """
     several = listed_records(decays)
     if driven_among(several):
@@ -54,7 +50,7 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
 
 def driven_among(several: Sequence[Decay | ForcedVibration]) -> list[ForcedVibration]:
     """Those with inputs."""
-    return [v for v in several if isinstance(v, ForcedVibration)]
+    return [cast(ForcedVibration, v) for v in several if v.driven]
 
 
 def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -> None:

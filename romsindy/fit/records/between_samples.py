@@ -25,10 +25,7 @@ _SAID: dict[Interpolation, str] = {
 def ways(vibrations: Sequence[ForcedVibration]) -> tuple[Interpolation, ...]:
     """What the inputs of records may do: what is said of them, or anything.
 
-    Raises
-    ------
-    ValueError
-        If two records say different things.
+    Raises a ValueError if two records say different things.
     """
     said_so = {v.interpolation for v in vibrations if v.interpolation is not None}
     if len(said_so) > 1:

@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -22,10 +23,11 @@ from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.driven import AFFORDABLE, inputs_of_record, quiet_noise, steps_for
 from romsindy.fit.records.mode_shape import CurvedShape, ModeShape, Offset
 from romsindy.fit.records.modes import Modes, motion_behind
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
+from romsindy.record.recording import Measurement
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, tones_of
 from romsindy.record.smoothing import HarmonicSpline
@@ -84,10 +86,7 @@ class CoupledRecord(Prepared):
         ``floor`` is the least noise, as a part of the largest sample; ``main`` the channel of each
         coordinate, by default that in which it moves most.
 
-        Raises
-        ------
-        ValueError
-            If no vibration stands out of the noise.
+        Raises a ValueError if no vibration stands out of the noise.
         """
         t, signals = decay.t - decay.t[0], decay.signal.reshape(len(decay.t), -1)
         found = tones_of(decay)
@@ -417,6 +416,15 @@ def _noise(rest: Array, tones: Sequence[Ridge], dt: float, floor: float) -> Nois
     alike = (power > level / _ALIKE) & (power < _ALIKE * level)
     std = float(np.sqrt(np.mean(power[alike | ringing])))
     return replace(noise, std=std, level=std, alike=True, drift=None)
+
+
+def record_along(measured: Measurement, modes: Modes) -> CoupledRecord:
+    """A record of several coordinates whose linear modes are known from driven ones."""
+    if measured.driven:
+        return driven_record(cast(ForcedVibration, measured), modes, NUMERICS)
+    hertz = modes.omega / (2 * np.pi)
+    record = CoupledRecord.of(cast(Decay, measured), hertz, NUMERICS, modes.main)
+    return replace(record, shapes=modes.shapes)
 
 
 def driven_record(

@@ -6,6 +6,7 @@ more (slaved modes, and the arc on which a sensor moves).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from romsindy.effects.base import ReadingEffect
 from romsindy.effects.outside import Bias
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
 from romsindy.typing import Array
 
 
@@ -42,6 +45,11 @@ class Offset(Bias):
     channel: int = 0
 
     per_record = True
+
+
+def free_offsets(records: Sequence[Prepared], channel: int = 0) -> Part:
+    """An offset of the sensor of a channel in each record, 0 at first."""
+    return Part(Offset(channel), (), np.zeros((len(records), 1)))
 
 
 @dataclass(frozen=True)

@@ -71,10 +71,7 @@ def modes_in(model: Equations, shapes: Array) -> Modes:
 def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
     """So many modes, or "auto": each is where one more explains most of what others leave.
 
-    Raises
-    ------
-    ValueError
-        If the inputs move fewer, or for another count.
+    Raises a ValueError if the inputs move fewer, or for another count.
     """
     whole = isinstance(count, int) and not isinstance(count, bool) and count >= 1
     if not whole and count != "auto":

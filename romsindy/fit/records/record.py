@@ -84,10 +84,7 @@ class Record(Prepared):
 
         Unlike `Decay.free`, an offset stays, and growth is accepted: either may be an effect.
 
-        Raises
-        ------
-        ValueError
-            If less than three cycles stand out of the noise.
+        Raises a ValueError if less than three cycles stand out of the noise.
         """
         decay = decay.single()
         white = noise_std(decay.signal)

@@ -57,10 +57,7 @@ def _held(model: Equations, at: int, q: Array) -> tuple[Array, ...]:
 def checked_range(q: ArrayLike, reach: tuple[float, float], unit: str | None) -> Array:
     """Displacements (n,) within the range of the data.
 
-    Raises
-    ------
-    ValueError
-        If one is outside.
+    Raises a ValueError if one is outside.
     """
     q = np.atleast_1d(np.asarray(q, float))
     least, largest = reach
@@ -76,10 +73,7 @@ def checked_range(q: ArrayLike, reach: tuple[float, float], unit: str | None) ->
 def checked_coordinate(coordinate: int, model: Equations) -> int:
     """The number of a coordinate of a model, from 1.
 
-    Raises
-    ------
-    ValueError
-        If it has no such coordinate.
+    Raises a ValueError if it has no such coordinate.
     """
     whole = isinstance(coordinate, (int, np.integer)) and not isinstance(coordinate, bool)
     if not (whole and 1 <= coordinate <= model.n_coordinates):

@@ -14,8 +14,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.adequacy.decays import Adequacy
-from romsindy.fit.adequacy.driven import ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
 from romsindy.fit.form import Form, as_coefficients, normal_draws
 from romsindy.fit.results.curve import (
     Curve,

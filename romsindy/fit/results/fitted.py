@@ -15,8 +15,9 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.adequacy.decays import Adequacy, examine
-from romsindy.fit.adequacy.driven import examine_forced
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.independence import examine_forced, examine_independence, judged
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
 from romsindy.fit.choice.choice_error import counting_choice
 from romsindy.fit.choice.selection import Linearised
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -26,6 +27,7 @@ from romsindy.fit.kernel.part import Part, Solution, extended
 from romsindy.fit.kernel.pieces import fit_growing, fit_pieces, lengths, moved
 from romsindy.fit.kernel.prepared import Prepared, record_notes
 from romsindy.fit.kernel.shooting import TOLERANCE, shoot
+from romsindy.fit.kernel.weighed import weighed
 from romsindy.fit.records.mode_shape import CurvedShape, Offset
 from romsindy.fit.records.resonance import resonance_notes, resonances_in
 from romsindy.fit.results.curve import checked_coordinate
@@ -237,6 +239,40 @@ def concluded(
     )
 
 
+def examined(fit: Fit) -> Fit:
+    """The same with its verdict by what is left of its driven records, or of its decays.
+
+    Where that is noise, the values and their errors are those that it weighs. Decays of which more
+    is left keep their verdict: it says from which amplitude on.
+    """
+    driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
+    pairs = driven or [*enumerate(fit.records)]
+    if not 0 < _size(fit, pairs).part < np.inf:
+        return fit  # there is no motion, or nothing is left
+    found = examine_independence(fit.start, fit.solution, pairs)
+    first = judged(_size(fit, pairs), found, pairs)
+    # Decays without noise tell the least of terms: there is no misfit that does not matter.
+    if not driven and found.p_value < first.false_alarm:
+        return fit
+    if first.structured:
+        return replace(fit, verdict=first) if driven else fit
+    noises = {i: own for (i, _), own in zip(pairs, found.noises, strict=True)}
+    better = weighed(fit.start, fit.solution, fit.records, noises)
+    if better is not None:
+        own = fit.model.terms[: len(fit.start.terms)]
+        model = replace(fit.model, terms=own, values=fit.start.values)
+        fit = replace(concluded(model, fit.start, fit.records, better), notes=fit.notes)
+    return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
+
+
+def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
+    """How much is left."""
+    if isinstance(fit.verdict, ForcedAdequacy):
+        return fit.verdict
+    records, left = zip(*((r, fit.residuals[i]) for i, r in pairs), strict=True)
+    return examine_forced(records, left, fit.solution.n_values)
+
+
 def _undetermined(model: Equations, free: Sequence[str], covariance: Array) -> str:
     """Linear stiffness that is not told from 0, and inputs that move no coordinate for certain."""
     errors = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
@@ -328,10 +364,7 @@ def _followed(
 def _in_pieces(model: Equations, parts: Sequence[Part], records: Sequence[Prepared]) -> Solution:
     """Where a fit of whole records does not settle: to the longest pieces that the model follows.
 
-    Raises
-    ------
-    TrajectoryError
-        If it follows none.
+    Raises a TrajectoryError if it follows none.
     """
     best = None
     for cycles in lengths(records):

@@ -78,10 +78,7 @@ def without_end(
 ) -> tuple[ForcedVibration, ForcedVibration]:
     """The record without its end, and this end: a share of all samples.
 
-    Raises
-    ------
-    ValueError
-        If too few samples are left on either side.
+    Raises a ValueError if too few samples are left on either side.
     """
     n = len(vibration.t)
     first = n - round(share * n)

@@ -16,21 +16,20 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from romsindy.effects.outside import Bias
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.form import GROWS, SIGMAS, Form, as_coefficients, grown, scatter
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import free_parts, laws_in
 from romsindy.fit.kernel.linear_response import nodes, respond
-from romsindy.fit.kernel.part import LINEAR, Coefficient, Part, Reading, Solution, in_orders
+from romsindy.fit.kernel.part import LINEAR, Coefficient, Part, Reading, Solution
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import shoot
 from romsindy.fit.process_noise import Marginal, Windows
 from romsindy.fit.records.arguments import require_unit
-from romsindy.fit.records.coupled import CoupledRecord
+from romsindy.fit.records.coupled import CoupledRecord, record_along
 from romsindy.fit.records.driven import ForcedRecord
-from romsindy.fit.records.measured import ready_along
 from romsindy.fit.records.modes import modes_in
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.verdict import FALSE_ALARM, SAME_DAMPING, SAME_FREQUENCY
@@ -38,6 +37,7 @@ from romsindy.physics.equations import Equations, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Measurement
 from romsindy.text import percent
 from romsindy.typing import Array
 
@@ -91,8 +91,7 @@ class Simulated(NamedTuple):
 
     def reading(self, motion: Trajectory) -> Reading:
         """What the channels show of it."""
-        x = in_orders(self.record.orders(self.parts), partial(motion.samples, self.equation))
-        return self.record.read(self.parts, 0, x)
+        return self.record.shown(self.parts, 0, partial(motion.samples, self.equation))
 
 
 def predicted(
@@ -105,8 +104,7 @@ def predicted(
 
 def _like(measured: Decay | ForcedVibration, found: Simulated, shown: Array) -> Array:
     """Channels that stand one after the other, as they were measured."""
-    like = measured.y if isinstance(measured, ForcedVibration) else measured.signal
-    return found.record.by_channel(shown).T.reshape(like.shape)
+    return found.record.by_channel(shown).T.reshape(measured.response.shape)
 
 
 def foretold(
@@ -141,7 +139,7 @@ def _followed(
     record: Decay | ForcedVibration,
     samples: int,
 ) -> Simulated:
-    if not isinstance(record, (Decay, ForcedVibration)):
+    if not isinstance(record, Measurement):
         raise ValueError(
             f"record is {type(record).__name__}: give one Decay, or one ForcedVibration with inputs"
         )
@@ -159,7 +157,7 @@ def _followed(
 
 def _acting(model: Equations, record: Decay | ForcedVibration) -> Any:
     """The model as it moves in a record: without its inputs in a decay."""
-    if isinstance(record, Decay):
+    if not record.driven:
         return without_inputs(model)
     names = dict.fromkeys(term.source for term in inputs_of(model))
     missing = [name for name in names if name not in record.names]
@@ -180,10 +178,10 @@ def _of_one(
 ) -> Simulated:
     offset = float(sensors.offset)
     seen: Prepared
-    if isinstance(record, ForcedVibration):
-        seen = _from_zero(ForcedRecord.of(record, NUMERICS), offset)
+    if record.driven:
+        seen = _from_zero(ForcedRecord.of(cast(ForcedVibration, record), NUMERICS), offset)
     else:
-        seen = Record.of(record.single(), NUMERICS)
+        seen = Record.of(cast(Decay, record).single(), NUMERICS)
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
     smooth, own = free_parts(model, names, [seen])
     known = fit(smooth, (*own, *bias), [seen.beginning(samples)], fixed=True)
@@ -217,7 +215,7 @@ def _of_several(
             " sensors in the same order"
         )
     offset = np.repeat(np.broadcast_to(sensors.offset, len(shapes)), len(measured.t))
-    record = ready_along([measured], modes_in(model, shapes))[0]
+    record = record_along(measured, modes_in(model, shapes))
     record = record.with_signal(record.signal - offset)
     smooth, own = free_parts(model, names, [record])
     if record.driven:  # inputs keep the phase
@@ -324,10 +322,8 @@ def _slopes(found: Simulated, motion: Trajectory) -> tuple[Array, Array]:
     """What the channels show, (c n,), and its derivatives by all values and by the state."""
     response = respond(found.equation, motion, found.equation.by_parameter(*nodes(motion)))
     reading = found.reading(motion)
-    change = in_orders(found.record.orders(found.parts), response.samples)[..., 1:]
-    slopes = reading.by_motion(change)
-    slopes[:, : len(reading.by_value)] += reading.by_value.T
-    return reading.shown, slopes
+    change = found.record.in_orders(found.parts, response.samples)[..., 1:]
+    return reading.shown, reading.by_all(change)
 
 
 def _turned(

@@ -34,6 +34,7 @@ from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.told import between_levels, notes_on, verdict_of
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
@@ -280,7 +281,7 @@ def _positive(force: float) -> float:
 
 
 def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
-    if not isinstance(model, ReducedModel):
+    if not isinstance(model, Equations) or model.numbered:
         raise ValueError(
             f"model is {type(model).__name__}: give a ReducedModel, or None to have it chosen"
         )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from romsindy.fit.adequacy.decays import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.form import KNOWN, wider
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.steady.balance import linearised

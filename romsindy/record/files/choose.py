@@ -162,10 +162,7 @@ def _seconds(clock: Column) -> Array:
 def checked_times(t: Array) -> None:
     """Refuse times that are missing or do not increase.
 
-    Raises
-    ------
-    ValueError
-        The message names the row, and the remedy.
+    Raises a ValueError the message names the row, and the remedy.
     """
     bad = np.flatnonzero(~np.isfinite(t))
     if len(bad):

@@ -1,4 +1,4 @@
-"""Values of a fit to driven records, weighed by the noises that are in them.
+"""Values of a fit, weighed by the noises that are in the records.
 
 Least squares over a simulation take what is left for white. Where a force that nobody measured
 moves the structure, or the noise of the sensor has a colour, generalised least squares tell the
@@ -23,105 +23,75 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.adequacy.driven import ForcedAdequacy, examine_forced
-from romsindy.fit.adequacy.independence import examine_independence, judged
-from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.gauss_newton import fit as follow
-from romsindy.fit.kernel.gauss_newton import linear_table
-from romsindy.fit.kernel.linear_response import Response, sampled
+from romsindy.fit.kernel.gauss_newton import fit, linear_table
+from romsindy.fit.kernel.linear_response import Response
 from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import (
     Part,
     Solution,
     columns_of,
-    in_orders,
     limits,
     moved_parts,
     prior_cost,
 )
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.results.fitted import Fit, concluded
+from romsindy.fit.kernel.shooting import simulated
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
 
 _STEPS = 8
 _SETTLED = 0.05  # of chi-square, by a step
 
 
-def examined(fit: Fit) -> Fit:
-    """The same with its verdict by what is left of its driven records, or of its decays.
-
-    Where that is noise, the values and their errors are those that it weighs. Decays of which more
-    is left keep their verdict: it says from which amplitude on.
-    """
-    driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
-    pairs = driven or [*enumerate(fit.records)]
-    if not 0 < _size(fit, pairs).part < np.inf:
-        return fit  # there is no motion, or nothing is left
-    found = examine_independence(fit.start, fit.solution, pairs)
-    first = judged(_size(fit, pairs), found, pairs)
-    # Decays without noise tell the least of terms: there is no misfit that does not matter.
-    if not driven and found.p_value < first.false_alarm:
-        return fit
-    if first.structured:
-        return replace(fit, verdict=first) if driven else fit
-    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
-    return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
-
-
-def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
-    """How much is left."""
-    if isinstance(fit.verdict, ForcedAdequacy):
-        return fit.verdict
-    records, left = zip(*((r, fit.residuals[i]) for i, r in pairs), strict=True)
-    return examine_forced(records, left, fit.solution.n_values)
-
-
-def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
+def weighed(
+    model: Equations,
+    solution: Solution,
+    records: Sequence[Prepared],
+    noises: Mapping[int, Noises],
+) -> Solution | None:
     """The same by generalised least squares; ``noises`` are those of records, by their number.
 
-    Steps of Gauss and Newton about the most likely motions, which the forces move. Where they do
-    not settle or have no motion, and where forces remember, the fit stays as it is.
+    Steps of Gauss and Newton about the most likely motions, which the forces move. None where they
+    do not settle or have no motion, and where forces remember.
     """
-    if fit.model.memories:  # what a force moves would be remembered
-        return fit
-    parts, motions, last = fit.solution.parts, fit.solution.motions, np.inf
+    if model.memories:  # what a force moves would be remembered
+        return None
+    parts, motions, last = solution.parts, solution.motions, np.inf
     for _ in range(_STEPS):
         try:
-            step = _Step.about(fit, parts, motions, noises)
+            step = _Step.about(model, parts, records, motions, noises)
         except LinAlgError:  # forces that grow beyond what numbers hold
-            return fit
+            return None
         parts, motions = step.parts, step.motions
         if abs(last - step.left) < _SETTLED:
             break
         last = step.left
     else:
-        return fit
-    found = follow(fit.start, parts, fit.records, motions, fixed=True)
+        return None
+    found = fit(model, parts, records, motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            found = _simulated(fit, parts, motions)
+            found = _simulated(model, parts, records, motions)
         except TrajectoryError:
-            return fit
-    own = fit.model.terms[: len(fit.start.terms)]
-    model = replace(fit.model, terms=own, values=fit.start.values)
-    both = [_of_inputs(part, fit.records, noises) for part in parts]
-    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
-    return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
+            return None
+    both = [_of_inputs(part, records, noises) for part in parts]
+    return replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
 
 
-def _simulated(fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory]) -> Solution:
+def _simulated(
+    model: Equations,
+    parts: tuple[Part, ...],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> Solution:
     """What simulations leave that start as these motions do, without forces that move them."""
-    own, left = [], []
-    for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-        equation = equation_of(fit.start, parts, i, record)
-        own.append(integrate(equation, motion.start, motion.grid, motion))
-        x = in_orders(record.orders(parts), partial(sampled, own[-1]))
-        left.append(record.signal - record.read(parts, i, x).shown)
-    pairs = zip(fit.records, left, strict=True)
+    own, left = simulated(model, parts, records, motions)
+    pairs = zip(records, left, strict=True)
     total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
-    return Solution(parts, tuple(own), tuple(left), total, fit.solution.covariance, True)
+    return Solution(parts, tuple(own), tuple(left), total, np.zeros((0, 0)), True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
@@ -153,19 +123,20 @@ class _Step(NamedTuple):
     @classmethod
     def about(
         cls,
-        fit: Fit,
+        model: Equations,
         parts: tuple[Part, ...],
+        records: Sequence[Prepared],
         motions: Sequence[Trajectory],
         noises: Mapping[int, Noises],
     ) -> _Step:
         n_values = sum(p.size for p in parts)
-        system = NormalEquations(n_values, len(motions), n_coordinates=fit.start.n_coordinates)
+        system = NormalEquations(n_values, len(motions), n_coordinates=model.n_coordinates)
         ways = []
-        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-            response, rows = linear_table(fit.start, parts, i, record, motion)
+        for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+            response, rows = linear_table(model, parts, i, record, motion)
             where = columns_of(parts, i)
             if i in noises:
-                equation = equation_of(fit.start, parts, i, record)
+                equation = equation_of(model, parts, i, record)
                 two = TwoNoises.along(equation, parts, i, record, motion)
                 own = rows[:, [*range(len(where)), -1]]
                 table = two.table(own * record.white[:, None])  # they come over white noise

@@ -1,24 +1,177 @@
-"""Does a model explain a driven record, and is what it leaves small?"""
+"""What is said of a model and its data: whether it explains them, and how much it leaves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import stdtrit
 from scipy.stats import linregress
 
-from romsindy.fit.adequacy.decays import Adequacy
-from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.verdict import BARELY, COLOURED, FALSE_ALARM, SAME_SIGNAL, SMALLER, WIDEST_SIGNAL
+from romsindy.fit.verdict import (
+    BARELY,
+    COLOURED,
+    EXPLAINED,
+    FALSE_ALARM,
+    SAME_SIGNAL,
+    SMALLER,
+    STRUCTURE,
+    WIDEST_SIGNAL,
+)
 from romsindy.text import percent, quantity
 from romsindy.typing import Array
+
+HARMONICS = 5
+DEGREE = 1  # of the drift of amplitudes in a window
+
+
+@dataclass(frozen=True, eq=False)
+class Adequacy:
+    """Whether a model explains its data.
+
+    Attributes
+    ----------
+    ratio : float
+        Rms of the whitened residual: 1 where it is noise.
+    p_value : float
+        Probability that noise alone leaves as much at the harmonics of the motion (F test).
+    structure : float
+        Chi-square of what lies at the harmonics, over its degrees of freedom: about 1.
+    below_floor : bool
+        Whether it is smaller than the misfit that does not matter.
+    amplitude : (n,) array
+        Of every window of eight cycles, half peak to peak, unit of q.
+    misfit : (n, 6) array
+        Rms of the residual at harmonics 0 to 5 over the noise there; 1 where nothing is missing,
+        nan where sampling is too coarse to tell.
+    limit : float
+        Largest amplitude up to which nothing is missing: that of the data where all is explained,
+        0 where not even the quietest cycles are.
+    unit : str or None
+        Of the amplitudes.
+    false_alarm : float
+        How often a right model is said to leave something at the harmonics.
+    part : float
+        Rms of the residual, as a part of that of the response.
+    departure, frequency, damping : float
+        Errors of the equation that bands of forecasts count, as `romsindy.fit.form.Form` has them.
+    """
+
+    ratio: float
+    p_value: float
+    structure: float
+    below_floor: bool
+    amplitude: Array
+    misfit: Array
+    limit: float
+    unit: str | None
+    false_alarm: float = FALSE_ALARM
+    part: float = 0.0
+    departure: float = 0.0
+    frequency: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        own = ("ratio", "p_value", "structure", "limit", "false_alarm")
+        for name in (*own, "part", "departure", "frequency", "damping"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        amplitude, misfit = np.array(self.amplitude, float), np.array(self.misfit, float)
+        shape = (amplitude.size, HARMONICS + 1)
+        # Without any window the list of a JSON text does not say how many harmonics there are.
+        if amplitude.ndim != 1 or (misfit.shape != shape and misfit.size + amplitude.size):
+            raise ValueError(
+                f"misfit has the shape {misfit.shape}, amplitude {amplitude.shape}: give a list of"
+                f" amplitudes, and for each {HARMONICS + 1} numbers of misfit"
+            )
+        object.__setattr__(self, "amplitude", amplitude)
+        object.__setattr__(self, "misfit", misfit.reshape(shape))
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is left that repeats with the vibration, and matters."""
+        significant = self.p_value < self.false_alarm and self.structure > STRUCTURE
+        return significant and not self.below_floor
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residual is down to the noise and without structure that matters."""
+        return self.ratio <= EXPLAINED and not self.structured
+
+    @property
+    def beyond_noise(self) -> float:
+        """Rms of what is left beyond the noise, as a part of that of the response."""
+        return self.part * float(np.sqrt(max(1 - self.ratio**-2, 0.0))) if self.ratio else 0.0
+
+    @property
+    def everywhere(self) -> float:
+        """Rms of what does not go with the motion; none of a decay, whose noise is read off it."""
+        return 0.0
+
+    @property
+    def good(self) -> bool:
+        """Whether one simulation leaves as little as tests of good repeatability differ by."""
+        return 0 < self.part <= SAME_SIGNAL
+
+    @property
+    def answer(self) -> str:
+        """The verdict: "explained", "good for practice" or "not explained"."""
+        if self.explained:
+            return "explained"
+        return "good for practice" if self.good else "not explained"
+
+    @property
+    def n_functions(self) -> int:
+        """Number of functions of time that repeat with the vibration, over all windows."""
+        return (2 * HARMONICS + 1) * (DEGREE + 1) * len(self.amplitude)
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.ratio):
+            return "The model does not explain the data: it has no motion that follows the record."
+        size = f"residual {self.ratio:.3g} times the noise"
+        if self.part:
+            part = f"it leaves {percent(self.part)} of the response"
+            size = f"{part}, {self.ratio:.3g} times the noise"
+        if self.explained:
+            return (
+                f"The model explains the data to their noise, up to the largest amplitude of"
+                f" {self.limit:.3g} {self.unit or '[q]'} ({size}; {self._chance()})."
+            )
+        reach = f"an amplitude of {self.limit:.3g} {self.unit or '[q]'}"
+        if self.good:
+            found = "is good for practice, and something small is missing"
+            found += f" beyond {reach}" if self.limit else ""
+        else:
+            found = "does not explain the data to their noise: "
+            found += f"up to {reach} it does" if self.limit else "at no amplitude"
+        return f"The model {found} ({size}; {self._loudest()}; {self._chance()})."
+
+    def _chance(self) -> str:
+        """The p-value in words that agree with the verdict."""
+        p = f"p = {self.p_value:.2g}"
+        if self.p_value >= self.false_alarm:
+            return f"at the harmonics it may be noise, {p}"
+        more = f"at the harmonics it is more than noise, {p}"
+        if self.structured:
+            return more
+        share = f"within {100 * (STRUCTURE - 1):.0f} % of the power of the noise"
+        small = "below the floor" if self.below_floor else share
+        return f"{more}, but too little to matter: {small}"
+
+    def _loudest(self) -> str:
+        if not self.structured:
+            return "spread over all frequencies, as from a disturbance or a bad start"
+        # Harmonics that sampling is too coarse for have no misfit at all.
+        counts = np.maximum(np.sum(~np.isnan(self.misfit), axis=0), 1)
+        rms = np.sqrt(np.nansum(self.misfit**2, axis=0) / counts)
+        worst = int(np.argmax(rms))
+        name = "mean position" if worst == 0 else f"harmonic {worst}"
+        return f"most of it at the {name}, {rms[worst]:.3g} times the noise there"
+
 
 _NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
 # Cycles in a stretch of the record; levels of the response that are told apart, at most and at
 # least, with two stretches each; how much louder the loudest must be than the quietest.
-_CYCLES, _MOST, _LEAST, _LOUDER = 8, 8, 4, 2.0
+CYCLES, MOST_LEVELS, LEAST_LEVELS, _LOUDER = 8, 8, 4, 2.0
 # Exponents of what is left against the response: up to the first it is the same at all levels, and
 # from the second on it changes.
 _SAME, _CHANGES = 0.25, 0.1
@@ -120,7 +273,7 @@ class ForcedAdequacy(Adequacy):
         0 where it is the same at all levels, as noise of a sensor is; 1 where it is a part of the
         response.
         """
-        if len(self.levels) < _LEAST or self.levels[-1, 0] < _LOUDER * self.levels[0, 0]:
+        if len(self.levels) < LEAST_LEVELS or self.levels[-1, 0] < _LOUDER * self.levels[0, 0]:
             return np.nan, np.nan
         line = linregress(*np.log(self.levels.T))
         return float(line.slope), float(line.stderr)
@@ -198,48 +351,3 @@ class ForcedAdequacy(Adequacy):
         if self.whole > 1:
             return f"{what} misses it by more than the response itself"
         return f"{what} leaves {100 * self.whole:.2g} % of the response"
-
-
-def examine_forced(
-    records: Sequence[Prepared],
-    residuals: Sequence[Array],
-    n_values: int,
-    false_alarm: float = FALSE_ALARM,
-) -> ForcedAdequacy:
-    """How much residuals (n,) are; what they are is not tried, see `independence`."""
-    n = sum(map(len, residuals))
-    power = sum(float(e @ e) for e in residuals)
-    noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
-    heard = sum(r.power for r in records)
-    return ForcedAdequacy(
-        ratio=float(np.sqrt(noise / max(n - n_values, 1))),
-        p_value=np.nan,
-        structure=1.0,
-        below_floor=False,
-        amplitude=np.zeros(0),
-        misfit=np.zeros(0),
-        limit=max(r.amplitude for r in records),
-        unit=records[0].decay.unit,
-        false_alarm=false_alarm,
-        left=float(np.sqrt(power / n)),
-        part=float(np.sqrt(power / heard)),
-        measured_unit=records[0].decay.signal_unit,
-        levels=_levels(records, residuals),
-    )
-
-
-def _levels(records: Sequence[Prepared], residuals: Sequence[Array]) -> Array:
-    """Rms of the response and of what is left, (k, 2), from quiet to loud."""
-    windows = []
-    for record, left in zip(records, residuals, strict=True):
-        size = round(_CYCLES / (float(record.frequencies.min()) * record.decay.dt))
-        both = np.stack([record.signal - record.signal.mean(), left]).reshape(2, -1, len(record.t))
-        whole = len(record.t) // size
-        parts = both[..., : whole * size].reshape(2, both.shape[1], whole, size)
-        windows.append(np.mean(parts**2, axis=(1, 3)).T)
-    power = np.concatenate(windows)
-    count = min(_MOST, len(power) // 2)
-    if count < _LEAST:
-        return np.zeros((0, 2))
-    ordered = power[np.argsort(power[:, 0])]
-    return np.sqrt([part.mean(axis=0) for part in np.array_split(ordered, count)])
