@@ -20,8 +20,7 @@ from romsindy import (
 )
 from romsindy.effects import AirDrag
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.functions.series import Sizes
-from romsindy.fit.functions.structures import Structure
+from romsindy.fit.functions.series import Sizes, Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots

@@ -14,7 +14,7 @@ from romsindy.beam.beam_file import load_beam
 from romsindy.effects import AirDrag
 from romsindy.orbits.curves import forced_response
 from romsindy.physics.model import ReducedModel
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.record.signals import with_noise
 from romsindy.typing import Array
 

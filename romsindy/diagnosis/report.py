@@ -29,7 +29,7 @@ from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import json_text
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.text import TextTable, listed
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from scipy.fft import next_fast_len
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.outside import HIGHEST
 from romsindy.fit.kernel.collocation import Trajectory
-from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
+from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, columns_of, read
@@ -279,7 +279,7 @@ def _with_tones(
     record, motion = records[0], motions[0]
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
+    equation = equation_of(model, parts, 0, record)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]

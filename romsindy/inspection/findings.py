@@ -91,7 +91,10 @@ class Findings:
     def dominant(self) -> Mode:
         """The mode that moves most; of two that move about as much the lower one.
 
-        Raises a ValueError if nothing rings.
+        Raises
+        ------
+        ValueError
+            If nothing rings.
         """
         ringing = [m for m in self.modes if not m.steady]
         if not ringing:
@@ -163,7 +166,10 @@ class Findings:
         -------
         tuple of Decay
 
-        Raises a ValueError if there is no such mode or release, or the mode does not ring in it.
+        Raises
+        ------
+        ValueError
+            If there is no such mode or release, or the mode does not ring in it.
         """
         chosen = self.mode(mode, band)
         return tuple(self._isolated(i, chosen) for i in self.rings_in(chosen, release))
@@ -184,7 +190,10 @@ class Findings:
         -------
         tuple of Decay
 
-        Raises a ValueError if there is no such release, or nothing rings.
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
         """
         numbers = self.rings_in(self.mode(), release)
         whole, defects = clean(self.recording.channel(self.channel), as_measured=True)
@@ -210,7 +219,10 @@ class Findings:
         -------
         tuple of Decay
 
-        Raises a ValueError if there is no such release, or nothing rings.
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
         """
         numbers, inside = self.rings_together(release, modes), self.cleaned.channel(*self.together)
         fastest = max(max(m.frequency) for m in self.modes if not m.steady)
@@ -224,7 +236,10 @@ class Findings:
     def rings_together(self, release: int | None = None, modes: int | None = None) -> list[int]:
         """Numbers, from 0, of the releases that `whole_decays` takes.
 
-        Raises a ValueError if there is no such release, or nothing rings.
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
         """
         self.mode()  # refuses a record in which nothing rings
         ringing = [m for m in self.modes if not m.steady]
@@ -239,7 +254,10 @@ class Findings:
     def mode(self, mode: int | None = None, band: tuple[float, float] | None = None) -> Mode:
         """One of the modes by number or band, the dominant one by default.
 
-        Raises a ValueError if there is none, or both are given.
+        Raises
+        ------
+        ValueError
+            If there is none, or both are given.
         """
         listed = ", ".join(f"{m.number} at {m.mean_frequency:.4g} Hz" for m in self.modes)
         if mode is not None and band is not None:
@@ -263,7 +281,10 @@ class Findings:
     def rings_in(self, mode: Mode, release: int | None = None) -> list[int]:
         """Numbers, from 0, of the releases in which a mode rings; or of that one alone, from 1.
 
-        Raises a ValueError if there is no such release, or the mode does not ring in it.
+        Raises
+        ------
+        ValueError
+            If there is no such release, or the mode does not ring in it.
         """
         rings = [i for i, part in enumerate(mode.parts) if part is not None]
         if release is None:

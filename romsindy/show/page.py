@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy import __version__
-from romsindy.record.files.whole import whole, write_whole
+from romsindy.record.files.save import whole, write_whole
 from romsindy.show.interactive import curves, script
 from romsindy.text import columns_of_numbers
 

@@ -22,7 +22,7 @@ from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
 from romsindy.fit.kernel.collocation import integrate
-from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part
@@ -147,7 +147,7 @@ def corrected(
     beam = beam_with(seen.beam, parts)
     smooth = smooth or record
     start = start_of(model, parts, smooth)
-    equation = ExtendedEquation(model, parts, 0, record.motion.grid.step, record.clock)
+    equation = equation_of(model, parts, 0, record)
     reduced = integrate(equation, np.array(start), record.motion.grid)
     own = decay.between(record.decay.t[0])
     if release is None:

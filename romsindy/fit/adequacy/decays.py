@@ -33,15 +33,8 @@ def examine(
 ) -> Adequacy:
     """Test residuals for what repeats with the vibration.
 
-    Parameters
-    ----------
-    records : sequence of Record
-    residuals : sequence of (n,) arrays
-        Measured minus simulated, unit of the measured quantity.
-    n_values : int
-        Number of values that were fitted to all records together.
-    false_alarm : float
-        How often a right model may be said to leave something at the harmonics.
+    Residuals (n,) are measured minus simulated, in the measured unit; so many values were fitted to
+    all records together. ``false_alarm`` is how often a right model may be said to leave something.
     """
     pairs = [p for r, x in zip(records, residuals, strict=True) for p in r.alone(x)]
     alone, white = zip(*pairs, strict=True)

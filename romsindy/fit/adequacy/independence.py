@@ -29,7 +29,7 @@ from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.noises import Noises, TwoNoises, found_noises, steady
 from romsindy.fit.kernel.part import Part, Solution, columns_of
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.fit.verdict import FADES, FALSE_ALARM
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
@@ -268,10 +268,9 @@ def examine_forced(
     """How much residuals (n,) are; what they are is not tried, see `independence`."""
     n = sum(map(len, residuals))
     power = sum(float(e @ e) for e in residuals)
-    noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
     heard = sum(r.power for r in records)
     return ForcedAdequacy(
-        ratio=float(np.sqrt(noise / max(n - n_values, 1))),
+        ratio=float(np.sqrt(chi_squared_of(records, residuals) / max(n - n_values, 1))),
         p_value=np.nan,
         structure=1.0,
         below_floor=False,

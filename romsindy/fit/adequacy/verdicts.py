@@ -54,7 +54,8 @@ class Adequacy:
     part : float
         Rms of the residual, as a part of that of the response.
     departure, frequency, damping : float
-        Errors of the equation that bands of forecasts count, as `romsindy.fit.form.Form` has them.
+        Errors of the equation that bands of forecasts count, as `romsindy.fit.process_noise.Form`
+        has them.
     """
 
     ratio: float

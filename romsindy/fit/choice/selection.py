@@ -84,6 +84,20 @@ class Trials:
     # `romsindy.fit.choice.selection`. Their sum is not negative, by `NEGATIVE` standard errors.
     kinetic: Mapping[int, Array] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls,
+        parts: Sequence[Gram],
+        always: Sequence[int],
+        groups: Sequence[Sequence[int]],
+        laws: Mapping[int, Term],
+        kinetic: Mapping[int, Array],
+    ) -> Trials:
+        """Of groups, some of which are ``laws``, with the signs that these can have."""
+        least = {g: law.least for g, law in laws.items() if law.least > -np.inf}
+        damping = [g for g, law in laws.items() if law.has("damping")]
+        return cls(parts, always, groups, least, damping, kinetic)
+
     @property
     def n(self) -> int:
         """Number of samples."""

@@ -160,14 +160,12 @@ def linearised(
     what = [*(p.effect for p in sensors), *free]
     taken = {*now.model.terms, *shown}
     terms_of = {g: t for g, (i, *_) in enumerate(groups) if isinstance(t := what[i], Term)}
-    least = {g: t.least for g, t in terms_of.items() if t.least > -np.inf}
-    damping = [g for g, t in terms_of.items() if t.has("damping")]
     # While more than noise is left, values stand for terms that are missing: mass is no judge yet.
     energy = {} if choice.left_out else dragged(free, [r.motion for r in records])
     kinetic = {g: energy[i - first] for g, (i, *_) in enumerate(groups) if i - first in energy}
     present = [g for g, (i, *_) in enumerate(groups) if what[i] in taken]
     sums = [Gram.sum(some) for some in grams.values()]
-    trials = Trials(sums, always, groups, least, damping, kinetic)
+    trials = Trials.of(sums, always, groups, terms_of, kinetic)
     return Linearised(trials, sensors, free, present)
 
 

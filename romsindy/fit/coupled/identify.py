@@ -4,6 +4,11 @@ The vibrations that ring say how many coordinates there are, how fast and how da
 are. Candidates are chosen by what they gain on data that took no part (`romsindy.fit.
 selection`), about the measured motion first and then about that of the model, until the choice
 stays. No ratio of frequencies is asked for.
+
+Vibrations that are close in frequency beat where they are large and exchange energy, and what is
+followed of each in the channels is wrong there. Where they are quieter it is right. A model of the
+quiet part has a motion before it, too: stride by stride that is taken as the motion from which a
+longer part is fitted.
 """
 
 from __future__ import annotations
@@ -14,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from romsindy.effects.choices import KINDS, candidates
-from romsindy.fit.coupled.choice import Stage, every_choice
-from romsindy.fit.coupled.followed_back import followed_back
-from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, of_plainest_kind
-from romsindy.fit.kernel.collocation import TrajectoryError
-from romsindy.fit.kernel.pieces import cut, moved
+from romsindy.effects.choices import KINDS, Kind, candidates
+from romsindy.fit.coupled.choice import Choice, Stage, every_choice
+from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, of_plainest_kind, settled
+from romsindy.fit.kernel.collocation import TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.pieces import cut, moved, shortest
 from romsindy.fit.records.arguments import (
     driven_among,
     require_known,
@@ -27,7 +32,7 @@ from romsindy.fit.records.arguments import (
     several_decays,
     small_frequencies,
 )
-from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.coupled import CoupledRecord, coupled_records, curved_shapes, free_shapes
 from romsindy.fit.records.modes import modes_of
 from romsindy.fit.records.record import NUMERICS
 from romsindy.fit.results.fitted import Fit, refined, with_choice_error
@@ -35,12 +40,15 @@ from romsindy.fit.results.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel, linear_model, linear_terms
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.equations import SingularInertiaError
+from romsindy.physics.integration import EscapeError
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
+from romsindy.typing import Array
 
 # Of decays in which vibrations beat, so much is left out at their start.
 _LOUD = (0.25, 0.4)
@@ -55,31 +63,8 @@ def identify_coupled(
 ) -> Fit:
     """Identify a model of the vibrations that ring together, with the terms that the data need.
 
-    Parameters
-    ----------
-    decays : Decay or sequence of Decay
-        One channel or several, in one unit; the free part is used, in the quantity that was
-        measured.
-    coordinates : int or "auto"
-        How many vibrations are modelled: the strongest, or as many as the data need.
-    fixed : mapping, optional
-        Known coefficients, such as ``{"omega^2 [q1]": 1482.0}``, in the unit of the decays and
-        seconds; coordinates are numbered by their frequency.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Returns
-    -------
-    Fit
-        As `refine` gives it: model, errors, mode shapes at the channels, verdict.
-
-    Raises
-    ------
-    ValueError
-        If fewer vibrations ring than coordinates are asked for, or for names or values in
-        ``fixed`` that cannot be.
-    TrajectoryError
-        If no motion of the model follows the measured one.
+    Arguments as those of `romsindy.identify`; ``coordinates`` are the strongest vibrations, or as
+    many as the data need. After an interrupt (Ctrl-C) the best of what had been tried.
     """
     say = progress or (lambda line: None)
     several = several_decays(decays)
@@ -307,3 +292,66 @@ def _in_order(found: FittedPieces, fixed: Mapping[str, float], progress: Progres
     start = _start(linear, records, fixed)
     again = of_plainest_kind(start, records, KINDS, progress)
     return again if again and again.explained else found
+
+
+_TIMES = 50  # of a stride: its end alone is asked for
+
+
+def followed_back(
+    quiet: FittedPieces, decays: Sequence[Decay], progress: Progress
+) -> FittedPieces | None:
+    """A model of whole decays, from one that explains the last part of each.
+
+    None where no motion of the model leads back to the start.
+    """
+    stage, frequencies = quiet.stage, small_frequencies(quiet.stage.model)
+    whole = []
+    for last, decay in zip(quiet.records, decays, strict=True):
+        record = CoupledRecord.of(decay, frequencies, NUMERICS, last.main)
+        whole.append(replace(record, shapes=last.shapes, noise=last.noise))
+    r, stride = len(frequencies), shortest(frequencies)
+    known = (t for t in stage.model.terms if t.key in stage.fixed)
+    always = tuple(dict.fromkeys([*known, *linear_terms(r)]))
+    choice = Choice(always, candidates(r, Kind(masses=True)), curved_shapes(whole[0]))
+    states = [record.motion.start for record in quiet.records]
+    times = [q.decay.t[0] - d.t[0] for q, d in zip(quiet.records, decays, strict=True)]
+    records = tuple(quiet.records)
+    while max(times) > 0:
+        several = zip(whole, states, times, strict=True)
+        try:
+            earlier = [_earlier(stage.model, *each, stride / frequencies.min()) for each in several]
+        except (EscapeError, SingularInertiaError, TrajectoryError):
+            return None
+        records = tuple(record for record, _ in earlier)
+        best = settled(stage, records, choice, progress, stride)
+        if best is None:
+            return None
+        stage, records, times = best.stage, best.records, [t for _, t in earlier]
+        states = [record.motion.start for record in records]
+    return of_plainest_kind(stage, records, KINDS, progress)
+
+
+def _earlier(
+    model: CoupledModel, whole: CoupledRecord, state: Array, time: float, stride: float
+) -> tuple[CoupledRecord, float]:
+    """A record from a stride (s) before a time on, with the motion that is in a state then."""
+    grid = whole.motion.grid
+    first = max(int(np.ceil((time - stride) / grid.step)), 0)
+    since = first * grid.step
+    record = whole.since_step(first)
+    before = state_before(model, state, time - since)
+    equation = equation_of(model, (), 0, record)
+    motion = integrate(equation, before, record.motion.grid)
+    return replace(record, motion=motion), since
+
+
+def state_before(model: CoupledModel, state: Array, seconds: float) -> Array:
+    """The state so long before: damping drives a motion whose time runs backwards."""
+    if seconds <= 0:
+        return state
+    pairs = zip(model.terms, model.values, strict=True)
+    values = (v if term.undamped() == term else -v for term, v in pairs)
+    backwards = replace(model, values=tuple(values))
+    q, q_dot = np.split(state, 2)
+    past = backwards.simulate(q, -q_dot, np.linspace(0, seconds, _TIMES))
+    return np.concatenate([past.q[-1], -np.asarray(past.q_dot)[-1]])

@@ -57,40 +57,13 @@ def identify_forced(
     fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Identify the equations of motion from records with measured inputs.
+    """Identify the equations of motion from records with measured inputs, and decays beside them.
 
-    Coefficients, gain and delay of each input, offsets of the sensors and initial states are
-    fitted by simulation over the whole records. Terms are chosen by what each gains on stretches
-    that took no part. What the input does between its samples is decided by the records, unless
-    they say it.
-
-    Parameters
-    ----------
-    records : ForcedVibration or sequence of ForcedVibration and Decay
-        At least one with an input; decays are fitted together with it.
-    order : int
-        Highest order of the candidates for stiffness and inertia of one coordinate.
-    coordinates : int or "auto"
-        How many modes are modelled, or as many as the inputs move. One in one channel is a
-        `ReducedModel`.
-    fixed : mapping, optional
-        Known coefficients, in the unit of the records and seconds.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Returns
-    -------
-    Fit
-        As `refine` gives it; the last terms of its model are the inputs.
-
-    Raises
-    ------
-    ValueError
-        For no input, units that differ, an order below 1, names or values in ``fixed`` that
-        cannot be, fewer modes than coordinates, or an input that looks like the displacement of
-        the base.
-    TrajectoryError
-        If no motion of the model follows the measured one.
+    Coefficients, gain and delay of each input, offsets of the sensors and initial states are fitted
+    by simulation over the whole records. Terms are chosen by what each gains on stretches that took
+    no part. What the input does between its samples is decided by the records, unless they say it.
+    Arguments as those of `romsindy.identify`; the last terms of the model are the inputs. An input
+    that looks like the displacement of the base is refused.
     """
     several, known = listed_records(records), dict(fixed or {})
     driven = driven_among(several)
@@ -288,14 +261,11 @@ def linearised(
         rows = table.swapaxes(0, 1).reshape(-1, table.shape[2])  # all channels of a time together
         grams += _stretches(rows / float(np.sqrt(np.mean(driven**2))), at, pieces)
     groups = dict(enumerate(terms[len(always) :]))
-    least = {g: law.least for g, law in groups.items() if law.least > -np.inf}
-    damping = [g for g, law in groups.items() if law.has("damping")]
-    trials = Trials(
+    trials = Trials.of(
         grams if left_out else [Gram.sum(grams)],
         range(len(always)),
         [[len(always) + g] for g in groups],
-        least,
-        damping,
+        groups,
         dragged(list(groups.values()), motions),
     )
     return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in present])

@@ -8,7 +8,7 @@ import numpy as np
 
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.sensor import curvature_for
+from romsindy.fit.functions.series import curvature_for
 from romsindy.fit.kernel.prepared import record_notes
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from romsindy.fit.functions.series import Structure
 from romsindy.fit.functions.short import Short, shortened
-from romsindy.fit.functions.structures import Structure
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.curve import (
     Curve,

@@ -16,10 +16,11 @@ from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
-from romsindy.fit.functions.sensor import SensorCurvature
-from romsindy.fit.functions.series import Magnitudes, Series
-from romsindy.fit.functions.structures import (
+from romsindy.fit.functions.series import (
     RICHEST,
+    Magnitudes,
+    SensorCurvature,
+    Series,
     Structure,
     compared,
     contains,
@@ -58,34 +59,9 @@ def identify_decays(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
-    """Identify stiffness, inertia and damping as functions of q, with bands.
+    """Identify stiffness, inertia and damping of one coordinate as functions of q, with bands.
 
-    Parameters
-    ----------
-    decays : Decay or sequence of Decay
-        One channel each; the free part is used, in the quantity that was measured.
-    fixed : mapping, optional
-        Known coefficients, such as ``{"omega^2": 1482.0}``, in the unit of the decay and seconds.
-    curvature : float
-        How far the sensor may be off a straight line at the largest amplitude, as a part of that:
-        one standard deviation of what is expected of it, from its calibration; 0 where it is
-        straight.
-    seed : int
-        Of the draws behind the bands.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Returns
-    -------
-    Identification
-
-    Raises
-    ------
-    ValueError
-        For no decays, another unit, a decay given twice, a seed that is no whole number, a
-        curvature that is no part of 1, or names or values in ``fixed`` that cannot be.
-    TrajectoryError
-        If no motion of the equation follows the measured one.
+    Arguments as those of `romsindy.identify`; decays have one channel each.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")

@@ -163,18 +163,10 @@ def shortened(
     reach: tuple[float, float],
     fixed: Mapping[str, float],
 ) -> Short:
-    """Few terms that follow a model.
+    """Few terms that follow a model with as many as its functions need.
 
-    Parameters
-    ----------
-    model : ReducedModel
-        With as many terms as its functions need.
-    draws : sequence of ReducedModel
-        That may be true as well.
-    reach : (float, float)
-        Least and largest q of the data.
-    fixed : mapping
-        Coefficients that are known.
+    ``draws`` may be true as well, ``reach`` is the least and the largest q of the data, ``fixed``
+    coefficients are known.
     """
     a = _PLACES * min(map(abs, reach))
     q = np.concatenate([_PLACES[1::2] * end for end in reach])

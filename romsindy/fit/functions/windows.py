@@ -210,17 +210,10 @@ def reduced(
 ) -> Reduced:
     """Eliminate the starts of all windows.
 
-    Parameters
-    ----------
-    several : sequence of Linear
-    rate : float
-        Angular frequency of the motion, rad/s.
-    noise : float
-        Of the whitened signals, 1 where their noise is as known.
-    jump : float
-        Standard deviation of process noise from window to window, as a part of the amplitude.
-    known : (m, p + 1) array
-        Further rows for the values: what is known beforehand, over its error.
+    ``rate`` is the angular frequency of the motion, rad/s, ``noise`` that of the whitened signals
+    (1 where it is as known), ``jump`` the standard deviation of process noise from window to
+    window, as a part of the amplitude; ``known`` (m, p + 1) are further rows for the values, over
+    their error.
     """
     cost, starts, rows = 0.0, [], [known]
     for linear in several:

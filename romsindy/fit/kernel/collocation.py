@@ -178,23 +178,10 @@ def interpolated(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Ar
 def integrate(
     equation: Equation, state: Sequence[float] | Array, grid: Grid, guess: Trajectory | None = None
 ) -> Trajectory:
-    """Follow the motion from a state over a grid.
+    """Follow the motion from a state, q and q_dot (2 R,), over a grid.
 
-    Parameters
-    ----------
-    equation : Equation
-    state : (2 R,) sequence
-        q, then q_dot, at the start of the grid.
-    grid : Grid
-    guess : Trajectory, optional
-        Motion with similar parameters on the same steps, or on the first of them.
-
-    Returns
-    -------
-    Trajectory
-
-    Raises a TrajectoryError if the motion cannot be followed: it diverges, or M(q) is not positive
-    on the way.
+    A ``guess`` is a motion with similar parameters on the same steps, or on the first of them.
+    Raises a TrajectoryError if the motion diverges, or M(q) is not positive on the way.
     """
     n, now = grid.n_steps, np.reshape(np.asarray(state, float), (2, -1))
     r = now.shape[1]

@@ -27,10 +27,10 @@ from romsindy.fit.kernel.part import (
     moved_parts,
     prior_cost,
 )
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.equations import Equations
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
@@ -51,21 +51,10 @@ def fit(
 ) -> Solution:
     """Fit the values of all parts, and the initial states, to all records.
 
-    Parameters
-    ----------
-    model : ReducedModel or CoupledModel
-    parts : sequence of Part
-        With their starting values.
-    records : sequence of Record
-    motions : sequence of Trajectory, optional
-        To start from; by default the smoothed measurement.
-    fixed : bool
-        Fit initial states and strengths that differ between records only.
-    iterations : int
-        At most.
-    rough : float
-        The fit ends where a step changes chi-square by less than this part of what is left beyond
-        the noise: where the form of the equation decides, no digit of its values matters.
+    It starts from the values of the parts, and from some motions: by default the smoothed
+    measurement. ``fixed``: initial states, and strengths that differ between records, only. It ends
+    where a step changes chi-square by less than the ``rough`` part of what is left beyond the
+    noise: where the form of the equation decides, no digit of its values matters.
     """
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
@@ -75,7 +64,7 @@ def fit(
     kept: _Iterate | None = None
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
-            system, responses = _linearised(model, parts, records, motions)
+            system, responses, _ = _linearised(model, parts, records, motions)
             if kept is not None and not system.power <= _WORSE * kept.power:
                 if kept.short < _SHORTEST:
                     parts, system = kept.parts, kept.system
@@ -118,12 +107,11 @@ def fit(
     pairs = list(zip(records, residuals, strict=True))
     if any(float(np.abs(e).max()) > _LOST * float(np.abs(r.signal).max()) for r, e in pairs):
         return _failed(parts, motions, n_values)  # the last step led nowhere
-    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs)
     return Solution(
         parts,
         tuple(motions),
         residuals,
-        total + prior_cost(parts),
+        chi_squared_of(records, residuals) + prior_cost(parts),
         system.covariance()[:n_values, :n_values],
         converged,
     )
@@ -158,18 +146,19 @@ def _linearised(
     parts: tuple[Part, ...],
     records: Sequence[Prepared],
     motions: Sequence[Trajectory],
-) -> tuple[NormalEquations, list[Response]]:
-    """Normal equations about the present motions, and the responses that they combine."""
+) -> tuple[NormalEquations, list[Response], list[tuple[Indices, Array]]]:
+    """Normal equations about the present motions, the responses and the rows that they combine."""
     n_values = sum(p.size for p in parts)
     system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
-    responses = []
+    responses, tables = [], []
     for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
         response, rows = linear_table(model, parts, i, record, motion)
         where = np.concatenate([columns_of(parts, i), system.states_of(i)])
         system.add(where, rows)
         responses.append(response)
+        tables.append((where, rows))
     system.add_priors(parts)
-    return system, responses
+    return system, responses, tables
 
 
 def coloured_covariance(model: Equations, solution: Solution, records: Sequence[Prepared]) -> Array:
@@ -177,20 +166,9 @@ def coloured_covariance(model: Equations, solution: Solution, records: Sequence[
 
     nan where the motion leads far away with a further step.
     """
-    parts, n_values = solution.parts, sum(p.size for p in solution.parts)
-    system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
-    tables = []
-    for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-        _, own = linear_table(model, parts, i, record, motion)
-        where = np.concatenate([columns_of(parts, i), system.states_of(i)])
-        rows = np.zeros((len(own), system.size + 1))
-        rows[:, [*where, -1]] = own
-        system.add(where, own)
-        tables.append(rows)
-    system.add_priors(parts)
-    if not system.finite:
-        return np.full((n_values, n_values), np.nan)
-    return system.coloured(tables)[:n_values, :n_values]
+    system, _, tables = _linearised(model, solution.parts, records, solution.motions)
+    n = system.n_values
+    return system.coloured(tables)[:n, :n] if system.finite else np.full((n, n), np.nan)
 
 
 def linear_table(

@@ -74,13 +74,7 @@ class Response:
 def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
     """Linear response of a motion that need not satisfy the equation, nor join from step to step.
 
-    Parameters
-    ----------
-    equation : Equation
-    motion : Trajectory
-        For example a smoothed measurement.
-    forces : (m, 3 n_steps, R) array
-        Additions to the residual at the Gauss points, each for one column.
+    ``forces`` (m, 3 n_steps, R) are added to the residual at the Gauss points, each for one column.
     """
     h, state = motion.grid.step, (motion.q, motion.q_dot, motion.q_ddot)
     t = motion.grid.node_times(0, motion.grid.n_steps)
@@ -95,20 +89,10 @@ def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
 
 
 def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:
-    """Exact derivatives of the (discrete) motion with respect to parameters and initial state.
+    """Exact derivatives of a (discrete) motion by parameters and initial state.
 
-    Parameters
-    ----------
-    equation : Equation
-        With the parameters that the motion was integrated with.
-    motion : Trajectory
-    derivative : int
-        Of q (0), q_dot (1) or q_ddot (2) at the wanted times.
-
-    Returns
-    -------
-    (n, R, n_parameters + 2 R) array
-        The last columns belong to q at the start, then to q_dot.
+    Of q (derivative 0), q_dot (1) or q_ddot (2) at the wanted times, (n, R, n_parameters + 2 R);
+    the last columns belong to q at the start, then to q_dot.
     """
     grid, h = motion.grid, motion.grid.step
     t = grid.node_times(0, grid.n_steps)

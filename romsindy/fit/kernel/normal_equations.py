@@ -45,20 +45,20 @@ class NormalEquations:
         self.right[where] += gram[-1, :-1]
         self.matrix[np.ix_(where, where)] += gram[:-1, :-1]
 
-    def coloured(self, tables: Sequence[Array]) -> Array:
+    def coloured(self, tables: Sequence[tuple[Indices, Array]]) -> Array:
         """Covariance of all values, for the colour that the residuals really have.
 
         Where a residual is not white the covariance is the sandwich (J'J)^-1 J' S J (J'J)^-1, with
-        S that of an autoregression. ``tables`` have the rows of each record, with all columns.
+        S that of an autoregression. ``tables`` have the rows of each record, as in `add`.
         """
         middle = np.zeros_like(self.matrix)
-        for rows in tables:
+        for where, rows in tables:
             jacobian, residual = rows[:, :-1], rows[:, -1]
             a = autoregression(residual)
             driven = lfilter(a, [1.0], residual)
             freedom = max(len(residual) - self.size / len(tables), 1.0)
             variance = float(driven @ driven) / freedom
-            middle += coloured_product(a, jacobian, jacobian) * variance
+            middle[np.ix_(where, where)] += coloured_product(a, jacobian, jacobian) * variance
         inverse = self.covariance()
         return inverse @ middle @ inverse
 

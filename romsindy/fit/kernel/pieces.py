@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
-from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.part import Part, Solution, extended
@@ -102,14 +102,8 @@ def fit_growing(
 ) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
     """Values, and motions over most of the records, from which a fit over all of them may start.
 
-    Parameters
-    ----------
-    model : Equations
-    parts : sequence of Part
-        Without values for their shapes.
-    records : sequence of Record
-
-    Raises a TrajectoryError if the model cannot be simulated over the first cycles.
+    Of parts whose shapes have no values. Raises a TrajectoryError if the model cannot be simulated
+    over the first cycles.
     """
     longest = max(float(r.t[-1]) for r in records)
     horizon = _FIRST * max(2 * np.pi / r.rate for r in records)
@@ -151,7 +145,6 @@ def _is_law(part: Part) -> bool:
 def _leashes(model: Equations, parts: tuple[Part, ...], record: Prepared) -> Array:
     """Strength of each part that changes the acceleration by one part in a hundred."""
     motion = record.motion
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
-    slopes = equation.by_parameter(*nodes(motion))
+    slopes = equation_of(model, parts, 0, record).by_parameter(*nodes(motion))
     sizes = np.maximum(np.sqrt(np.mean(slopes**2, axis=(1, 2))), 1e-300)
     return _LEASH * float(np.sqrt(np.mean(motion.q_ddot**2))) / sizes

@@ -115,9 +115,16 @@ class Prepared(ABC):
         """What the reader of a fit must know of it."""
         return []
 
-    @abstractmethod
     def until(self: R, end: float) -> R:
         """The first seconds of the record, with the noise of all of it."""
+        m, grid = self.motion, self.motion.grid.until(end)
+        n, steps = len(grid.fraction), grid.n_steps
+        return replace(  # type: ignore[type-var]
+            self,
+            decay=self.decay.between(end=float(self.decay.t[n - 1])),
+            signal=self.signal[:n],
+            motion=Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps]),
+        )
 
     def beginning(self: R, samples: int) -> R:
         """So many samples, of every channel."""
@@ -185,6 +192,12 @@ class Prepared(ABC):
         reading = self.read(parts, number, x)
         jacobian = reading.by_all(by_value)
         return self.whitened(np.column_stack([jacobian, self.signal - reading.shown]))
+
+
+def chi_squared_of(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:
+    """Sum of squares of what is left of some records, over their noise."""
+    pairs = zip(records, residuals, strict=True)
+    return sum(float(np.sum(record.whitened(left) ** 2)) for record, left in pairs)
 
 
 def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:

@@ -29,7 +29,7 @@ from romsindy.fit.kernel.part import (
 )
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.equations import Equations
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _EVALUATIONS = 40
 # Chi-square is about the number of samples: a change of it by this part is far below one.
@@ -93,31 +93,32 @@ class _Problem:
         known = [off / spread for _, off, spread in priors(self.at(values)[0])]
         return np.concatenate([rows, known])
 
-    def tables(self, values: Array) -> list[Array]:
+    def tables(self, values: Array) -> list[tuple[Indices, Array]]:
         """Sensitivities and misfit over noise about the simulated motions, for each record.
 
-        Columns are the values of all parts, q and q_dot at the start of each record, and the
-        misfit.
+        Before them places of their columns among the values of all parts, then the states.
         """
         parts, equations = self.at(values)
         motions = zip(self.records, equations, self.simulate(values), strict=True)
-        found: list[Array] = []
+        found: list[tuple[Indices, Array]] = []
         for i, (record, equation, motion) in enumerate(motions):
             slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
             x = record.in_orders(parts, partial(motion.samples, equation))
-            own = record.table(parts, i, x, slopes)
-            n_states = len(motion.start)
-            rows = np.zeros((len(own), len(values) + 1))
-            first = self.n_values + n_states * i
-            states = range(first, first + n_states)
-            rows[:, [*columns_of(parts, i), *states, -1]] = own
-            found.append(rows)
+            n = len(motion.start)
+            states = self.n_values + n * i + np.arange(n)
+            where = np.concatenate([columns_of(parts, i), states])
+            found.append((where, record.table(parts, i, x, slopes)))
         return found
 
     def jacobian(self, values: Array) -> Array:
         """Derivatives of `misfit`."""
         known = [-np.eye(1, len(values), at) / spread for at, _, spread in priors(self.parts)]
-        return np.concatenate([*(-rows[:, :-1] for rows in self.tables(values)), *known])
+        own = []
+        for where, rows in self.tables(values):
+            wide = np.zeros((len(rows), len(values)))
+            wide[:, where] = -rows[:, :-1]
+            own.append(wide)
+        return np.concatenate([*own, *known])
 
 
 def simulated(
@@ -162,28 +163,10 @@ def shoot(
 ) -> tuple[Solution, Array]:
     """Fit the values of all parts and the initial states, from those of some motions on.
 
-    Parameters
-    ----------
-    model, parts, records, fixed
-        As in `romsindy.fit.kernel.gauss_newton.fit`.
-    motions : sequence of Trajectory
-        To start from.
-    loss : "linear" or "soft_l1"
-        The second forgives outliers.
-    evaluations : int
-        Simulations, at most.
-    tolerance : float
-        Relative change of chi-square at which it ends.
-    progress : callable, optional
-        Called with a line of text at every simulation.
-
-    Returns
-    -------
-    solution : Solution
-    covariance : (n_values, n_values) array
-        Of the values of all parts, for the colour that the residuals really have.
-
-    Raises a TrajectoryError if the first motions cannot be simulated.
+    As `romsindy.fit.kernel.gauss_newton.fit`; a ``loss`` "soft_l1" forgives outliers. It ends at a
+    relative change of chi-square by the ``tolerance``, or after so many ``evaluations``, each a
+    simulation, and gives the covariance of the values (n_values, n_values) for the colour that the
+    residuals really have. Raises a TrajectoryError if the first motions cannot be simulated.
     """
     parts = tuple(parts)
     problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
@@ -219,9 +202,9 @@ def shoot(
         values, interrupted = problem.start, True
     n = problem.n_values
     system = NormalEquations(n, len(records), n_coordinates=model.n_coordinates)
-    rows = problem.tables(values)
-    for own in rows:
-        system.add(np.arange(system.size), own)
+    tables = problem.tables(values)
+    for where, rows in tables:
+        system.add(where, rows)
     system.add_priors(problem.at(values)[0])
     solution = Solution(
         problem.at(values)[0],
@@ -232,4 +215,4 @@ def shoot(
         converged,
         interrupted,
     )
-    return solution, system.coloured(rows)[:n, :n]
+    return solution, system.coloured(tables)[:n, :n]

@@ -37,7 +37,7 @@ from romsindy.fit.kernel.part import (
     moved_parts,
     prior_cost,
 )
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.fit.kernel.shooting import simulated
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
@@ -89,8 +89,7 @@ def _simulated(
 ) -> Solution:
     """What simulations leave that start as these motions do, without forces that move them."""
     own, left = simulated(model, parts, records, motions)
-    pairs = zip(records, left, strict=True)
-    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
+    total = chi_squared_of(records, left) + prior_cost(parts)
     return Solution(parts, tuple(own), tuple(left), total, np.zeros((0, 0)), True)
 
 

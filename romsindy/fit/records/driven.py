@@ -117,14 +117,6 @@ class ForcedRecord(Prepared):
         """Misfits or their derivatives (n, ...) over the noise."""
         return self.noise(x)
 
-    def until(self, end: float) -> ForcedRecord:
-        """The first seconds of the record, with the noise of all of it."""
-        m, grid = self.motion, self.motion.grid.until(end)
-        n, steps = len(grid.fraction), grid.n_steps
-        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
-        vibration = self.decay.between(end=float(self.decay.t[n - 1]))
-        return replace(self, decay=vibration, signal=self.signal[:n], motion=motion)
-
     def pieces(self, count: int) -> list[ForcedRecord]:
         """The record in so many stretches, each with a state of its own at its start."""
         grid = self.motion.grid

@@ -172,21 +172,11 @@ class Record(Prepared):
 
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
-        m, grid = self.motion, self.motion.grid.until(end)
-        n, steps = len(grid.fraction), grid.n_steps
-        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
-        decay = self.decay.between(end=float(self.decay.t[n - 1]))
+        first = super().until(end)
+        n = len(first.signal)
         part = None if self.part is None else self.part[:n]
         doubts = None if self.doubts is None else self.doubts[:n]
-        return replace(
-            self,
-            decay=decay,
-            signal=self.signal[:n],
-            valid=self.valid[:n],
-            motion=motion,
-            part=part,
-            doubts=doubts,
-        )
+        return replace(first, valid=self.valid[:n], part=part, doubts=doubts)
 
     def without_faults(self, *, coloured: bool = False) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
-from romsindy.fit.form import Form, as_coefficients, normal_draws
+from romsindy.fit.process_noise import Form, as_coefficients, normal_draws
 from romsindy.fit.results.curve import (
     Curve,
     Function,
@@ -35,7 +35,7 @@ from romsindy.physics.term_sum import json_text, read_json
 from romsindy.physics.validation import array, made, several, table
 from romsindy.physics.validation import text as entry
 from romsindy.record.decay import Decay
-from romsindy.record.files.whole import write_whole
+from romsindy.record.files.save import write_whole
 from romsindy.record.forced import ForcedVibration
 from romsindy.text import with_error
 from romsindy.typing import Array

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
-from romsindy.fit.form import DRAWS, GROWS, grown, normal_draws
 from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.process_noise import DRAWS, GROWS, grown, normal_draws
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel

@@ -17,7 +17,6 @@ from scipy.stats import chi2
 
 from romsindy.effects.outside import Bias
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.form import GROWS, SIGMAS, Form, as_coefficients, grown, scatter
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
@@ -26,7 +25,16 @@ from romsindy.fit.kernel.linear_response import nodes, respond
 from romsindy.fit.kernel.part import LINEAR, Coefficient, Part, Reading, Solution
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import shoot
-from romsindy.fit.process_noise import Marginal, Windows
+from romsindy.fit.process_noise import (
+    GROWS,
+    SIGMAS,
+    Form,
+    Marginal,
+    Windows,
+    as_coefficients,
+    grown,
+    scatter,
+)
 from romsindy.fit.records.arguments import require_unit
 from romsindy.fit.records.coupled import CoupledRecord, record_along
 from romsindy.fit.records.driven import ForcedRecord

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.form import KNOWN, wider
 from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution
