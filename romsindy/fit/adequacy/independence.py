@@ -18,9 +18,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtrc
 
 from romsindy.effects.choices import couplings
+from romsindy.fit.adequacy.together import tell_together
 from romsindy.fit.adequacy.verdicts import CYCLES, LEAST_LEVELS, MOST_LEVELS, ForcedAdequacy
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
@@ -33,31 +33,26 @@ from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.fit.verdict import FADES, FALSE_ALARM
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
-from romsindy.typing import Array, Indices
+from romsindy.typing import Array
 
 # Powers of a coordinate and of its velocity that are tried: all of second and third order, and
 # those of fifth order that differ from them in their harmonics.
 _POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
 _SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _LATE = (-0.25, 0.25)  # cycles by which an input may act later
-_RANK = 1e-7  # of scaled products: forces below it are told by others
 
 
 @dataclass(frozen=True)
 class Independence:
     """What goes with motion or input in that which a fit leaves, and what is noise."""
 
-    # Probability that noise alone goes with them as much: F tests of all forces together, and of
-    # the one that tells most, by Bonferroni's inequality
-    p_value: float
+    p_value: float  # probability that noise alone goes with them as much
     missing: float  # rms of what goes with them, measured unit
     like: str  # the force that alone tells most of it
     noises: tuple[Noises, ...]  # of each record
     # Probability that a force which is noise differs as much between quarters of a decay
     steady: float
-    # Chi-square of what is left over its freedom, where it would be 1 without what goes with motion
-    # or input
-    excess: float
+    excess: float  # chi-square of what is left, as in `Together`
 
 
 def examine_driven(
@@ -109,27 +104,17 @@ def examine_independence(
 
 def independence(tables: Sequence[Tried], n_values: int) -> Independence:
     """Of records to which so many values were fitted."""
-    system = np.sum([table.products for table in tables], axis=0)
-    n = sum(table.freedom for table in tables)
-    fitted, tried = np.arange(n_values), np.arange(n_values, len(system) - 1)
-    alone, rank = _explained(system, fitted)
-    both, full = _explained(system, np.concatenate([fitted, tried]))
-    new, freedom = full - rank, n - full
-    left = system[-1, -1] - both
-    gain = (both - alone) / new / (left / freedom) if left > 0 else 0.0
-    singles = [_explained(system, np.append(fitted, k))[0] - alone for k in tried]
-    rest = max(system[-1, -1] - alone - max(singles), 0.0) / (n - rank - 1)
-    best = fdtrc(1, n - rank - 1, max(singles) / rest) if rest > 0 else 1.0
-    values = _values(system, np.concatenate([fitted, tried]))
-    power = sum(float(np.sum((table.columns @ values) ** 2)) for table in tables)
+    products = np.sum([table.products for table in tables], axis=0)
+    found = tell_together(products, n_values, sum(table.freedom for table in tables))
+    power = sum(float(np.sum((table.columns @ found.values) ** 2)) for table in tables)
     samples = sum(len(table.columns) for table in tables)
     return Independence(
-        p_value=min(2 * float(min(fdtrc(new, freedom, gain), len(tried) * best)), 1.0),
+        p_value=found.p_value,
         missing=float(np.sqrt(power / samples)),
-        like=tables[0].names[int(np.argmax(singles))],
+        like=tables[0].names[found.most],
         noises=tuple(table.noises for table in tables),
         steady=min(1.0, len(tables) * min(table.steady for table in tables)),
-        excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
+        excess=found.excess,
     )
 
 
@@ -235,28 +220,6 @@ def _late(
             if term.source in record.inputs:
                 values = record.inputs[term.source].at(t, other)
             yield name, values / max(float(np.abs(values).max()), 1e-300)
-
-
-def _explained(system: Array, some: Indices) -> tuple[float, int]:
-    """How much of the last column some others tell, and how many of them differ."""
-    vectors, sizes = _directions(system, some)
-    told = vectors.T @ system[some, -1]
-    return float(np.sum(told**2 / sizes)), len(sizes)
-
-
-def _values(system: Array, some: Indices) -> Array:
-    vectors, sizes = _directions(system, some)
-    return vectors @ (vectors.T @ system[some, -1] / sizes)
-
-
-def _directions(system: Array, some: Indices) -> tuple[Array, Array]:
-    """Directions that are told apart, among columns of unit size, and their powers."""
-    own = system[np.ix_(some, some)]
-    power = np.diag(own)
-    scale = np.where(power > 0, 1 / np.sqrt(np.where(power > 0, power, 1.0)), 0.0)
-    sizes, vectors = np.linalg.eigh(own * scale * scale[:, None])
-    told = sizes > _RANK * sizes[-1]
-    return scale[:, None] * vectors[:, told], sizes[told]
 
 
 def examine_forced(

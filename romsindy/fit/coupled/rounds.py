@@ -30,6 +30,9 @@ _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost; by more than the second
 # factor, and terms are missing.
 _LOST, _MISSED = 3.0, 1.5
+# The lightest mass over the heaviest. Where nothing tells the masses, an equation times zero is
+# fulfilled by every motion; of what sensors see of one structure, masses differ by far less.
+_LIGHTEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,13 @@ def of_plainest_kind(
     shortest, best = lengths(given)[0], None
     found: list[FittedPieces] = []
     for kind in kinds:
-        choice = Choice(always, candidates(r, kind), curved)
-        now, records = (best.stage, best.records) if best else (start, given)
-        best = settled(now, records, choice, progress, shortest, best) or best
+        # Where nothing tells the masses, terms beside them may gain all the same.
+        for some in (kind, kind._replace(masses=False)) if kind.kinked else (kind,):
+            choice = Choice(always, candidates(r, some), curved)
+            now, records = (best.stage, best.records) if best else (start, given)
+            best = settled(now, records, choice, progress, shortest, best) or best
+            if best and best.left <= EXPLAINED:
+                break
         last = kind is kinds[-1]
         if best is None or not (last or (kind.masses and best.left <= EXPLAINED)):
             continue
@@ -251,6 +258,6 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
 
 
 def _has_masses(model: CoupledModel) -> bool:
-    """Whether the inertia at rest is positive, as that of all masses."""
-    inertia = model.inertia(np.zeros(model.n_coordinates))
-    return bool(np.linalg.eigvalsh(inertia)[0] > 0)
+    """Whether the inertia at rest is positive, as that of all masses, and no equation vanishes."""
+    masses = np.linalg.eigvalsh(model.inertia(np.zeros(model.n_coordinates)))
+    return bool(masses[0] > _LIGHTEST * masses[-1])

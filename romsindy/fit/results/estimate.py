@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy, SteadyAdequacy
 from romsindy.fit.process_noise import Form, as_coefficients, normal_draws
 from romsindy.fit.results.curve import (
     Curve,
@@ -421,8 +421,9 @@ class Estimate:
 
 
 def _verdict(content: Any) -> Adequacy:
-    forced = "measured_unit" in table("verdict", content)
-    return made(ForcedAdequacy if forced else Adequacy, "verdict", content)
+    own = {"measured_unit": ForcedAdequacy, "unknown": SteadyAdequacy}
+    kinds = [kind for name, kind in own.items() if name in table("verdict", content)]
+    return made(kinds[0] if kinds else Adequacy, "verdict", content)
 
 
 @dataclass(frozen=True, eq=False)

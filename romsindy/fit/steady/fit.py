@@ -31,9 +31,10 @@ from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
+from romsindy.fit.steady.independence import verdict_of
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.fit.steady.told import between_levels, notes_on, verdict_of
+from romsindy.fit.steady.told import between_levels, notes_on
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
@@ -255,7 +256,7 @@ def fit_steady(
     _require_sense(points, solution)
     peak = float(points.amplitude.max())
     n, verdict = len(free), verdict_of(points, solution)
-    notes = notes_on(points, solution, verdict, together)
+    notes = notes_on(points, solution, together)
     if chosen:
         every = every_choice(points, solution, some_slope, joint)
         joint, doubts = counting_choice(solution.free, joint, every)

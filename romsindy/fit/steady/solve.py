@@ -13,7 +13,7 @@ from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, m
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _ITERATIONS = 60
 _SETTLED = 1e-9  # largest change of a parameter, relative to it and to its error
@@ -142,6 +142,13 @@ def correlation(points: SteadyPoints, solution: SteadySolution) -> float:
     if not solution.unexplained or together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
         return 0.0
     return min(together, 1.0)
+
+
+def without_neighbours(table: Array, level: Indices, together: float) -> Array:
+    """Rows (n, k, m) less what those before them in a level let expect, (n k, m)."""
+    first = np.append(True, level[1:] != level[:-1])[:, None, None]
+    fresh = (table - together * np.roll(table, 1, axis=0)) / np.sqrt(1 - together**2)
+    return np.where(first, table, fresh).reshape(-1, table.shape[2])
 
 
 def _settle(

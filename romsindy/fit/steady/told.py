@@ -6,59 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import SteadySolution
-from romsindy.fit.verdict import EXPLAINED
-from romsindy.typing import Array, Indices
+from romsindy.fit.steady.solve import SteadySolution, without_neighbours
+from romsindy.typing import Array
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
 _ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
 _EM, _SAME, _ALIKE = 60, 1e-9, 0.99  # iterations; columns, and neighbours, that are one
-_HARMONICS = 6  # of the windows in `Adequacy`
 
 
-def verdict_of(points: SteadyPoints, solution: SteadySolution) -> Adequacy:
-    """Whether the noise explains the misfits."""
-    freedom = solution.rows.misfit.size - len(solution.free)
-    known = bool(np.all(points.std > 0))
-    white = solution.over_noise if known else solution.white
-    total = float(np.sum(white**2))
-    by_harmonic = np.full((len(points), _HARMONICS), np.nan)
-    by_harmonic[:, 1] = np.sqrt(np.mean(white**2, axis=1))
-    ratio = np.sqrt(total / freedom) if known else 1.0
-    return Adequacy(
-        ratio=ratio,
-        p_value=float(chi2.sf(total, freedom)) if known else 1.0,
-        structure=ratio**2,
-        below_floor=False,
-        amplitude=points.amplitude,
-        misfit=by_harmonic,
-        limit=float(points.amplitude.max()) if ratio <= EXPLAINED else 0.0,
-        unit=solution.model.unit,
-    )
-
-
-def notes_on(
-    points: SteadyPoints, solution: SteadySolution, verdict: Adequacy, together: float
-) -> list[str]:
-    notes, known = [], bool(np.all(points.std > 0))
+def notes_on(points: SteadyPoints, solution: SteadySolution, together: float) -> list[str]:
+    notes = []
     if not solution.converged:
         notes.append("the fit has not come to its end: use fewer terms")
-    if not known:
-        notes.append("std was not given: all that is left counts as noise, and nothing is tested")
-    if known and not verdict.explained:
-        notes.append(
-            f"{solution.unexplained:.2%} of the force is left unexplained by model and noise; the"
-            " errors count it"
-        )
+    if not np.any(points.std > 0):
+        notes.append("std was not given: errors count all that is left as a force")
     if together:
         notes.append(
             f"misfits of neighbouring points go together (correlation {together:.2f}): the errors"
@@ -131,7 +99,7 @@ def between_levels(
     by_value = solution.rows.whitened(solution.floor)[0].reshape(shape)
     common = np.concatenate([by_value / np.linalg.norm(by_value, axis=(0, 1)), own], axis=2)
     table = np.concatenate([common, *each, solution.white[..., None]], axis=2)
-    table = _without_neighbours(table, points.level, min(together, _ALIKE))
+    table = without_neighbours(table, points.level, min(together, _ALIKE))
     u, strong, _ = np.linalg.svd(table[:, : common.shape[2]], full_matrices=False)
     u, left = u[:, strong > _SAME * strong[0]], table[:, common.shape[2] :]
     left = left - u @ (u.T @ left)
@@ -163,10 +131,3 @@ def _by_level(points: SteadyPoints, solution: SteadySolution) -> tuple[Array, Ar
     ratio = rows.size[largest] / points.amplitude[largest]
     units = ratio / np.array([1.0, points.frequency[largest]])
     return (own * [*units, solution.chain.gain]).reshape(len(points), -1, 3), units
-
-
-def _without_neighbours(table: Array, level: Indices, together: float) -> Array:
-    """Rows (n, k, m) less what those before them in a level let expect, (n k, m)."""
-    first = np.append(True, level[1:] != level[:-1])[:, None, None]
-    fresh = (table - together * np.roll(table, 1, axis=0)) / np.sqrt(1 - together**2)
-    return np.where(first, table, fresh).reshape(-1, table.shape[2])
