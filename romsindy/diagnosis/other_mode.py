@@ -188,7 +188,6 @@ class InteractionReport(BesideDecays, Written):
         return {p.name: p for p in pictures}
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         page = page_of(self, "The simulation and the other mode", self.records)
         more = [TextTable("One coordinate and two", footing_table(self.interaction))]
         more += [TextTable("Coefficients", self.fit.table())]

@@ -169,7 +169,6 @@ class Explained(Written):
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the explanations that the data do not tell apart, best first."""
         return tuple(h.names for h in self.rivals if h.names)
 
     # -- words ---------------------------------------------------------------------------------
@@ -229,7 +228,6 @@ class Explained(Written):
     # -- tables and files ------------------------------------------------------------------------
 
     def table(self) -> list[list[str]]:
-        """Rows of text: every explanation that the data allow, with its values."""
         rows = [list(TABLE_HEAD)]
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
@@ -251,7 +249,6 @@ class Explained(Written):
         }
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         parts = self.added
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
@@ -415,7 +412,6 @@ class DiagnosisReport(BesideDecays, Explained):
 
     @property
     def sentence(self) -> str:
-        """The finding, a line for each question: do they differ, what is missing, left, next?"""
         return "\n".join(self.lines(words.remainder(self.gap, self.left)))
 
     def lines(self, left: str) -> list[str]:
@@ -480,7 +476,6 @@ class DiagnosisReport(BesideDecays, Explained):
         return {p.name: p for p in pictures(self.nominal, self.added, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         return {**super().page(), "formula": self.model.latex_terms()}
 
 

@@ -83,12 +83,12 @@ def _shown(
     model: ReducedModel, hypothesis: Hypothesis, record: ForcedRecord, number: int, level: float
 ) -> Array:
     """What a hypothesis says of a record with inputs at another level, (n,)."""
-    sampled = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.sampled.items()}
+    inputs = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.inputs.items()}
     equation = equation_of(
         driven_instead(model, hypothesis.parts),
         hypothesis.parts,
         number,
-        replace(record, sampled=sampled),
+        replace(record, inputs=inputs),
     )
     m = hypothesis.solution.motions[number]
     guess = Trajectory(m.grid, level * m.q, level * m.q_dot, level * m.q_ddot)
@@ -141,7 +141,6 @@ class ResidualReport(Explained):
 
     @property
     def sentence(self) -> str:
-        """The finding, a line for each question: do they differ, what is missing, left, next?"""
         lines = [
             *self._interrupted,
             self._difference,
@@ -294,7 +293,6 @@ class ForcedReport(ResidualReport):
         return most_apart(self.nominal, self.rivals[:2], self.records)
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         return {**super().page(), "formula": self.model.latex_terms()}
 
 

@@ -75,7 +75,6 @@ class CoupledModel(Equations):
 
     @cached_property
     def n_coordinates(self) -> int:
-        """R."""
         return max(t.n_coordinates for t in self.terms if isinstance(t, CoupledTerm))
 
     @property
@@ -132,7 +131,6 @@ class CoupledModel(Equations):
     residual_and_slopes = linearise
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
-        """Left sides of the equations, (..., R): zero along a free motion."""
         q, q_dot, q_ddot = self._motion(q, q_dot, q_ddot)
         residual = self._polynomials.residual(q, q_dot, q_ddot)
         for w, model in self._directions:
@@ -175,7 +173,6 @@ class CoupledModel(Equations):
         return np.linalg.solve(inertia, (push - force)[..., None])[..., 0]
 
     def objection(self, q: Array) -> str:
-        """Why no motion goes through all positions q, (n, R); empty if one may."""
         least = np.linalg.eigvalsh(self.inertia(q))[:, 0]
         if np.min(least) > SINGULAR:
             return ""

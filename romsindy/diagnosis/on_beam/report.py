@@ -100,7 +100,6 @@ class BeamReport(Written):
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the explanations that the data do not tell apart, best first."""
         return self.reduced.equivalent
 
     @property
@@ -174,7 +173,6 @@ class BeamReport(Written):
         return words.over_sensors(rest, gap, kind, worst.label, worst.after)
 
     def table(self) -> list[list[str]]:
-        """Rows of text: every explanation that the data allow, with its values."""
         return self.reduced.table()
 
     def sensor_table(self) -> list[list[str]]:

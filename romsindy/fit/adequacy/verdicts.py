@@ -260,7 +260,6 @@ class ForcedAdequacy(Adequacy):
 
     @property
     def good(self) -> bool:
-        """Whether one simulation leaves as little as tests of good repeatability differ by."""
         return self._all <= SAME_SIGNAL and not self.undetermined
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ import numpy as np
 
 from romsindy.effects.base import SampledInput
 from romsindy.fit.kernel.collocation import Trajectory
-from romsindy.fit.kernel.part import Part, Reading
+from romsindy.fit.kernel.part import Part, Reading, read
 from romsindy.record.noise import Noise
 from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
@@ -28,6 +29,7 @@ class Prepared(ABC):
     motion: Trajectory  # smooth displacement of the coordinates, from which a fit starts
     tones: tuple[Ridge, ...] = ()  # the fundamentals of several coordinates that ring
     since: float = 0.0  # where it starts in the record that it is a piece of, s
+    inputs: Mapping[str, SampledInput]  # what drives it, by name: nothing drives a decay
 
     @property
     def t(self) -> Array:
@@ -46,8 +48,8 @@ class Prepared(ABC):
 
     @property
     def peak(self) -> float:
-        """Largest displacement in any channel."""
-        return float(np.abs(self.decay.q).max())
+        """Largest displacement in any channel; of what inputs drive, of a coordinate."""
+        return self.amplitude if self.driven else float(np.abs(self.decay.q).max())
 
     @property
     def noises(self) -> tuple[Noise, ...]:
@@ -58,11 +60,6 @@ class Prepared(ABC):
     def white(self) -> Array:
         """Standard deviation of the noise of each sample, were it white, (c n,)."""
         return np.repeat([noise.std for noise in self.noises], len(self.decay.t))
-
-    @property
-    def inputs(self) -> Mapping[str, SampledInput]:
-        """What drives it, by name: nothing drives a decay."""
-        return {}
 
     @property
     def driven(self) -> bool:
@@ -80,9 +77,9 @@ class Prepared(ABC):
         return len(self.signal) // len(self.decay.t)
 
     @property
-    @abstractmethod
     def amplitude(self) -> float:
         """Largest displacement of a coordinate."""
+        return float(np.abs(self.motion.q).max())
 
     @property
     @abstractmethod
@@ -132,15 +129,30 @@ class Prepared(ABC):
 
     def pieces(self: R, count: int) -> list[R]:
         """In so many stretches, each with a state of its own at its start; some stay whole."""
-        return [self]
+        ends = np.linspace(0, self.motion.grid.n_steps, count + 1).round().astype(int)
+        return [self.between_steps(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
-    @abstractmethod
+    def between_steps(self: R, first: int, last: int) -> R:
+        """The samples in steps first to last - 1, with the noise of all of it."""
+        at = self.motion.grid.sample_step
+        inside = np.flatnonzero((at >= first) & (at < last))
+        t = self.decay.t[inside]
+        return replace(  # type: ignore[type-var]
+            self,
+            decay=self.decay.between(float(t[0]), float(t[-1])),
+            signal=self.by_channel(self.signal)[:, inside].ravel(),
+            motion=self.motion.between(first, last),
+            since=self.since + float(t[0] - self.clock),
+        )
+
     def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
         """What the sensors show of a motion in its `orders`, with the parts of a hypothesis."""
+        return read(parts, number, self.t, x)
 
-    @abstractmethod
     def whitened(self, x: Array) -> Array:
-        """Misfits or their derivatives (c n, ...) over the noise."""
+        """Misfits or their derivatives (c n, ...) over the noise of their channel."""
+        pairs = zip(self.noises, self.by_channel(x), strict=True)
+        return np.concatenate([noise(own) for noise, own in pairs])
 
     def by_channel(self, x: Array) -> Array:
         """Signals that stand one after the other, (c n, ...), apart: (c, n, ...)."""
@@ -164,7 +176,8 @@ class Prepared(ABC):
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Noise like that of the record, (c n,)."""
-        return np.asarray(self.noise.draw(len(self.signal), self.decay.dt, rng))
+        n = len(self.decay.t)
+        return np.concatenate([noise.draw(n, self.decay.dt, rng) for noise in self.noises])
 
     def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
         """Which derivatives of the motion its reading needs."""

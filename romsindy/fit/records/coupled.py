@@ -75,7 +75,7 @@ class CoupledRecord(Prepared):
     # Where it starts in the record that it is a piece of, s: tones have the times of that
     since: float = 0.0
     # The measured inputs by name, where any drive it
-    sampled: Mapping[str, SampledInput] = field(default_factory=dict)
+    inputs: Mapping[str, SampledInput] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -112,21 +112,6 @@ class CoupledRecord(Prepared):
             decay, signals.T.ravel(), noise, shapes, _motion(grid, tones, decay.derivative), tones
         )
 
-    @property
-    def inputs(self) -> Mapping[str, SampledInput]:
-        """What drives it, by name."""
-        return self.sampled
-
-    @property
-    def amplitude(self) -> float:
-        """Largest displacement of a coordinate."""
-        return float(np.abs(self.motion.q).max())
-
-    @property
-    def peak(self) -> float:
-        """Largest displacement in any channel; of what inputs drive, of a coordinate."""
-        return self.amplitude if self.driven else super().peak
-
     @cached_property
     def frequencies(self) -> Array:
         """Of the coordinates, Hz, (R,): of their tones, or rms velocity over rms displacement."""
@@ -145,7 +130,6 @@ class CoupledRecord(Prepared):
         return [int(np.argmin(np.abs(column - 1))) for column in self.shapes.T]
 
     def mode_shapes(self, parts: Sequence[Part]) -> Array:
-        """What each channel shows of each coordinate of small motions, (c, R)."""
         shapes = self.shapes.copy()
         for effect, part in ((p.effect, p) for p in parts):
             if isinstance(effect, ModeShape):
@@ -190,27 +174,11 @@ class CoupledRecord(Prepared):
 
     def until(self, end: float) -> CoupledRecord:
         """The first seconds of every channel, with the noise of all of it."""
-        return self._between(0, self.motion.grid.until(end).n_steps)
+        return self.between_steps(0, self.motion.grid.until(end).n_steps)
 
     def since_step(self, first: int) -> CoupledRecord:
         """The samples from a step on, with the noise of all of it."""
-        return self._between(first, self.motion.grid.n_steps)
-
-    def pieces(self, count: int) -> list[CoupledRecord]:
-        """The record in so many parts, each with its own initial state."""
-        ends = np.linspace(0, self.motion.grid.n_steps, count + 1).round().astype(int)
-        return [self._between(int(a), int(b)) for a, b in itertools.pairwise(ends)]
-
-    def _between(self, first: int, last: int) -> CoupledRecord:
-        """The samples in steps first to last - 1, with the noise of all of it."""
-        inside = np.flatnonzero(
-            (self.motion.grid.sample_step >= first) & (self.motion.grid.sample_step < last)
-        )
-        t = self.decay.t[inside]
-        signal = self.signal.reshape(len(self.noise), -1)[:, inside].ravel()
-        decay = self.decay.between(float(t[0]), float(t[-1]))
-        motion, since = self.motion.between(first, last), self.since + float(t[0] - self.decay.t[0])
-        return replace(self, decay=decay, signal=signal, motion=motion, since=since)
+        return self.between_steps(first, self.motion.grid.n_steps)
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
@@ -230,17 +198,6 @@ class CoupledRecord(Prepared):
         if not any(b.std < _QUIETER * a.std for a, b in pairs):
             return self
         return replace(self, noise=tuple(min(pair, key=lambda noise: noise.std) for pair in pairs))
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Noise like that of the channels, (c n,)."""
-        n = len(self.decay.t)
-        return np.concatenate([noise.draw(n, self.decay.dt, rng) for noise in self.noise])
-
-    def whitened(self, x: Array) -> Array:
-        """Misfits or their derivatives (c n, ...) over the noise of their channel."""
-        channels = x.reshape(len(self.noise), -1, *x.shape[1:])
-        white = [noise(x) for noise, x in zip(self.noise, channels, strict=True)]
-        return np.concatenate(white)
 
     def alone(self, residual: Array) -> list[tuple[Record, Array]]:
         """Each channel as the record of each coordinate, with a residual of it whitened.
@@ -439,4 +396,4 @@ def driven_record(
     grid = steps_for(vibration, affordable, float(modes.omega.max()) / (2 * np.pi))
     motion = motion_behind(vibration, modes, np.array([n.std for n in noise]), grid)
     given = (vibration, channels.ravel(), noise, modes.shapes, motion)
-    return CoupledRecord(*given, sampled=inputs_of_record(vibration, grid))
+    return CoupledRecord(*given, inputs=inputs_of_record(vibration, grid))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import pairwise
 
 import numpy as np
 
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.linear_steps import NODES
-from romsindy.fit.kernel.part import Part, Reading, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.smooth import averaged, smooth_motion
 from romsindy.physics.input import Input
@@ -74,7 +71,8 @@ class ForcedRecord(Prepared):
     noise: Noise  # white, as strong as the quietest part of the spectrum, or the floor
     # Smooth displacement on the steps of the simulation; times from the start of the record
     motion: Trajectory
-    sampled: dict[str, Sampled]  # the measured inputs by name
+    inputs: dict[str, Sampled]  # that were measured, by name
+    since: float = 0.0  # where it starts in the record that it is a piece of, s
 
     @classmethod
     def of(
@@ -89,51 +87,10 @@ class ForcedRecord(Prepared):
         motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
         return cls(vibration, y, noise, motion, inputs_of_record(vibration, grid))
 
-    @property
-    def inputs(self) -> dict[str, Sampled]:
-        """What drives it, by name."""
-        return self.sampled
-
     @cached_property
     def rate(self) -> float:
         """Angular frequency of the motion: rms velocity over rms displacement, rad/s."""
         return float(np.std(self.motion.q_dot) / np.std(self.motion.q))
-
-    @property
-    def amplitude(self) -> float:
-        """Largest displacement."""
-        return float(np.abs(self.motion.q).max())
-
-    @property
-    def peak(self) -> float:
-        """The same: one channel was measured."""
-        return self.amplitude
-
-    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
-        """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""
-        return read(parts, number, self.t, x)
-
-    def whitened(self, x: Array) -> Array:
-        """Misfits or their derivatives (n, ...) over the noise."""
-        return self.noise(x)
-
-    def pieces(self, count: int) -> list[ForcedRecord]:
-        """The record in so many stretches, each with a state of its own at its start."""
-        grid = self.motion.grid
-        edges = np.linspace(0, grid.n_steps, count + 1).round().astype(int)
-        places = np.searchsorted(grid.sample_step, edges)
-        several = []
-        for (first, last), (a, b) in zip(pairwise(edges), pairwise(places), strict=True):
-            times = self.decay.t[a], self.decay.t[b - 1]
-            several.append(
-                replace(
-                    self,
-                    decay=self.decay.between(*times),
-                    signal=self.signal[a:b],
-                    motion=self.motion.between(int(first), int(last)),
-                )
-            )
-        return several
 
 
 def quiet_noise(y: Array, vibration: ForcedVibration, floor: float) -> Noise:

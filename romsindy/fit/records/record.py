@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scipy.fft import prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.effects.base import Scales
+from romsindy.effects.base import SampledInput, Scales
 from romsindy.fit.kernel.collocation import Grid, Trajectory
-from romsindy.fit.kernel.part import Part, Reading, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
@@ -51,6 +50,7 @@ class Record(Prepared):
     # signal: see `romsindy.record.spectrum`
     doubts: Array | None = None
     first: int = 0  # first sample that takes part: before it the filter of a measuring chain rings
+    inputs: Mapping[str, SampledInput] = field(default_factory=dict)  # nothing drives a decay
 
     @classmethod
     def of(cls, decay: Decay, floor: float, after: Array | None = None) -> Record:
@@ -119,18 +119,12 @@ class Record(Prepared):
         return np.unique([0, *inner, self.motion.grid.n_steps])
 
     @property
-    def amplitude(self) -> float:
-        """Largest displacement."""
-        return float(np.abs(self.motion.q).max())
-
-    @property
     def rate(self) -> float:
         """Mean angular frequency, rad/s."""
         return float(self.phase(self.t[-1:])[0] - self.phase(self.t[:1])[0]) / float(self.t[-1])
 
     @property
     def whole(self) -> bool:
-        """Whether all samples take part."""
         return bool(np.all(self.valid))
 
     @property
@@ -147,13 +141,8 @@ class Record(Prepared):
         modes, sizes, _ = np.linalg.svd(self.noise(self.doubts), full_matrices=False)
         return modes, 1 - 1 / np.sqrt(1 + sizes**2)
 
-    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
-        """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""
-        return read(parts, number, self.t, x)
-
     @property
     def remarks(self) -> list[str]:
-        """What the reader of a fit must know of it."""
         found = []
         lost = int(np.sum(~self.valid))
         if lost:
@@ -167,16 +156,18 @@ class Record(Prepared):
         return found
 
     def alone(self, residual: Array) -> list[tuple[Record, Array]]:
-        """Records of single coordinates, with a residual of this one whitened."""
         return [(self, self.whitened(residual))]
 
     def until(self, end: float) -> Record:
-        """The first seconds of the record, with the noise of all of it."""
         first = super().until(end)
         n = len(first.signal)
         part = None if self.part is None else self.part[:n]
         doubts = None if self.doubts is None else self.doubts[:n]
         return replace(first, valid=self.valid[:n], part=part, doubts=doubts)
+
+    def pieces(self, count: int) -> list[Record]:
+        """It stays whole."""
+        return [self]
 
     def without_faults(self, *, coloured: bool = False) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
