@@ -15,14 +15,15 @@ import click
 import numpy as np
 
 from romsindy.beam.beam_file import load_beam
-from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.commands.options import (
     INPUTS,
     READING,
+    Inputs,
     estimate_of,
     full_option,
+    input_options,
     interactive_option,
     model_of,
     reading_options,

@@ -12,15 +12,17 @@ import click
 
 from romsindy.commands.analysis import USUAL, Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
-from romsindy.commands.inputs import PARTS, Inputs, input_options
 from romsindy.commands.measurement import Selection, inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import (
     FILE,
     INPUTS,
+    PARTS,
     READING,
+    Inputs,
     damping_option,
     fix_option,
     grouped,
+    input_options,
     reading_options,
     refuse_beside,
 )

@@ -47,6 +47,13 @@ DRAWS = 400
 GROWS = "what the model lacks is not known there, and the band grows as the square of the amplitude"
 KNOWN = 2.0  # degrees of freedom for which what is known beforehand counts
 SIGMAS = 1.96
+# Departures are alike over so many e-folds of the amplitude.
+_ALIKE = 1.0
+_ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
+_ROUNDING = 1e-13  # of products, by which they must not become negative
+_LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
+# Sizes to choose from: from nothing to more than is linear about a motion.
+_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
 
 
 class Form(NamedTuple):
@@ -93,15 +100,6 @@ def scatter(moves: Array, variance: Array, expected: float) -> float:
 def wider(freedom: float) -> float:
     """A 95 % band of a deviation known by so many degrees of freedom, over that of a known one."""
     return float(t.isf(0.025, freedom)) / SIGMAS
-
-
-# Departures are alike over so many e-folds of the amplitude.
-_ALIKE = 1.0
-_ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
-_ROUNDING = 1e-13  # of products, by which they must not become negative
-_LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
-# Sizes to choose from: from nothing to more than is linear about a motion.
-_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ def _mode(found: Findings, mode: Mode) -> dict[str, Any]:
 
 
 if TYPE_CHECKING:
-    from romsindy.show.page import Figure
+    from matplotlib.figure import Figure
 
 
 class Inspection(Findings):

@@ -21,6 +21,10 @@ from romsindy.typing import Array
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
 _ROUNDING = 1e-4
+Quantity = Literal["displacement", "velocity", "acceleration"]
+QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+# Of the usual step: a longer one is a gap.
+GAP = 1.5
 
 
 def as_floats(name: str, x: ArrayLike) -> Array:
@@ -183,12 +187,6 @@ class RecordedInput:
 
     def __str__(self) -> str:
         return f"{self.kind} in column {self.name!r}: {self.how}"
-
-
-Quantity = Literal["displacement", "velocity", "acceleration"]
-QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
-# Of the usual step: a longer one is a gap.
-GAP = 1.5
 
 
 def unit_of(quantity: Quantity, unit: str | None) -> str:

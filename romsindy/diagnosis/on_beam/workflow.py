@@ -75,6 +75,9 @@ _ROUNDS = 5
 _ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
 _SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
 _CYCLES = 12  # once it is calm: over these the beam is simulated with an effect at several places
+_ORDER = 7
+# Parameters of a beam that stand for the coefficients of a reduced model.
+_FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
 class Outcome(NamedTuple):
@@ -264,11 +267,6 @@ def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
 
 def _key(part: Part) -> tuple[str, str]:
     return part.effect.name, part.effect.variant
-
-
-_ORDER = 7
-# Parameters of a beam that stand for the coefficients of a reduced model.
-_FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
 def diagnose_beam(

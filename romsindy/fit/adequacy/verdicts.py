@@ -23,6 +23,13 @@ from romsindy.typing import Array
 
 HARMONICS = 5
 DEGREE = 1  # of the drift of amplitudes in a window
+_NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
+# Cycles in a stretch of the record; levels of the response that are told apart, at most and at
+# least, with two stretches each; how much louder the loudest must be than the quietest.
+CYCLES, MOST_LEVELS, LEAST_LEVELS, _LOUDER = 8, 8, 4, 2.0
+# Exponents of what is left against the response: up to the first it is the same at all levels, and
+# from the second on it changes.
+_SAME, _CHANGES = 0.25, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,15 +174,6 @@ class Adequacy:
         worst = int(np.argmax(rms))
         name = "mean position" if worst == 0 else f"harmonic {worst}"
         return f"most of it at the {name}, {rms[worst]:.3g} times the noise there"
-
-
-_NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
-# Cycles in a stretch of the record; levels of the response that are told apart, at most and at
-# least, with two stretches each; how much louder the loudest must be than the quietest.
-CYCLES, MOST_LEVELS, LEAST_LEVELS, _LOUDER = 8, 8, 4, 2.0
-# Exponents of what is left against the response: up to the first it is the same at all levels, and
-# from the second on it changes.
-_SAME, _CHANGES = 0.25, 0.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,8 @@ from romsindy.fit.verdict import NEGATIVE, REFUSED, TERM
 from romsindy.physics.term import Term
 from romsindy.typing import Array, Indices
 
+_PLACES = 400  # of a motion, at which kinetic energy is looked at
+
 
 class Gram(NamedTuple):
     """Normal equations of one part of the data, for the values alone: states are eliminated.
@@ -286,9 +288,6 @@ def _fitted(parts: Sequence[Gram], where: Sequence[int]) -> Array:
     at = np.array(where)
     matrix = sum(p.matrix[np.ix_(at, at)] for p in parts)
     return solved(np.asarray(matrix), sum(p.right[at] for p in parts))
-
-
-_PLACES = 400  # of a motion, at which kinetic energy is looked at
 
 
 def dragged(terms: Sequence[Term], motions: Sequence[Trajectory]) -> dict[int, Array]:

@@ -52,6 +52,7 @@ from romsindy.typing import Array
 
 # Of decays in which vibrations beat, so much is left out at their start.
 _LOUD = (0.25, 0.4)
+_TIMES = 50  # of a stride: its end alone is asked for
 
 
 def identify_coupled(
@@ -292,9 +293,6 @@ def _in_order(found: FittedPieces, fixed: Mapping[str, float], progress: Progres
     start = _start(linear, records, fixed)
     again = of_plainest_kind(start, records, KINDS, progress)
     return again if again and again.explained else found
-
-
-_TIMES = 50  # of a stride: its end alone is asked for
 
 
 def followed_back(

@@ -47,6 +47,7 @@ from romsindy.text import percent
 from romsindy.typing import Array
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
+_STRETCHES = 8  # in all, each left out in turn
 
 
 def identify_forced(
@@ -194,9 +195,6 @@ class _TermSearch:
         model = self.look.model(own, inputs, self.fixed)
         names = free_names(without_inputs(model), self.fixed)
         return self.look.fit(names, model)
-
-
-_STRETCHES = 8  # in all, each left out in turn
 
 
 def linear_of(model: Equations) -> tuple[Term, ...]:

@@ -38,6 +38,15 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
 from romsindy.record.ringing import require_channels
 
+_CYCLES = 20.0  # in the shortest pieces
+_MOST = 40  # pieces
+# A whole record is fitted at another minimum where short pieces leave so much less of it; a little
+# less they always leave where the form of the equation is not quite right.
+_ASTRAY = 0.7
+_CHANCE = 3.0  # standard deviations of what values too many take from the noise
+# A motion is sensitive where what its start does to it, at the end, is this part of the beginning.
+_SENSITIVE, _PARTS = 0.1, 10
+
 
 def refined_forced(
     model: Equations,
@@ -181,16 +190,6 @@ def _examined(fits: Mapping[Interpolation, Fit], rivals: Rivals) -> tuple[Rivals
         if not (isinstance(fit.verdict, ForcedAdequacy) and fit.verdict.structured):
             return (rivals if way == rivals.best else rivals.only(way)), fit
     return rivals, examined(fits[rivals.best])
-
-
-_CYCLES = 20.0  # in the shortest pieces
-_MOST = 40  # pieces
-# A whole record is fitted at another minimum where short pieces leave so much less of it; a little
-# less they always leave where the form of the equation is not quite right.
-_ASTRAY = 0.7
-_CHANCE = 3.0  # standard deviations of what values too many take from the noise
-# A motion is sensitive where what its start does to it, at the end, is this part of the beginning.
-_SENSITIVE, _PARTS = 0.1, 10
 
 
 @dataclass(frozen=True)

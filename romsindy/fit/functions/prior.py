@@ -41,6 +41,7 @@ MIDDLE = np.log([(size, 1.0, 0.3) for size in _SIZES]).ravel()
 SPREAD = np.tile([2.0, 0.7, 1.0], 3)
 LOW = np.tile(np.log([1e-6, 0.2, 0.01]), 3)
 HIGH = np.tile(np.log([10.0, 5.0, 1.5]), 3)
+_PLACES = 81  # where h >= 0 is asked for
 
 
 def factor(series: Series, scales: Array) -> Array:
@@ -79,9 +80,6 @@ def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[fl
 def _matern(distance: Array) -> Array:
     d = np.sqrt(3) * distance
     return np.asarray((1 + d) * np.exp(-d))
-
-
-_PLACES = 81  # where h >= 0 is asked for
 
 
 def constraints(series: Series) -> tuple[slice, Array]:

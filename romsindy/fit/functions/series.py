@@ -37,6 +37,8 @@ from romsindy.physics.validation import made, several, whole
 from romsindy.typing import Array
 
 _OFFSET = 0.1  # of the largest reading: no record is so far off its zero
+_SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
+_STIFFNESS = {True: "stiffness polynomial", False: "linear"}
 
 
 class SensorCurvature(NamedTuple):
@@ -87,9 +89,6 @@ def curvature_for(q: Array, h: Array) -> float:
     """
     straight = np.trapezoid(np.sqrt(1 + h), q)
     return float((straight - q[-1]) / straight)
-
-
-_SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
 class Sizes(NamedTuple):
@@ -314,7 +313,6 @@ def _to_powers(n: int) -> Array:
 # So many polynomials resolve features down to a tenth of the range; the prior decides how many
 # count. The inertia is smoother than the stiffness, of which it is a sum of squared slopes.
 RICHEST = Sizes(stiffness=17, inertia=11, damping=8)
-_STIFFNESS = {True: "stiffness polynomial", False: "linear"}
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,12 @@ from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array, Indices
 
+Model = TypeVar("Model", bound=TermSum)
+# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
+# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
+SMOOTHING = 0.001
+LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
+
 
 @dataclass(frozen=True)
 class Part:
@@ -183,13 +189,6 @@ def prior_cost(parts: Sequence[Part]) -> float:
             if p.spread is not None:
                 cost += float((value - p.starts[0]) / p.spread) ** 2
     return cost
-
-
-Model = TypeVar("Model", bound=TermSum)
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
-# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
-SMOOTHING = 0.001
-LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 
 
 @dataclass(frozen=True)

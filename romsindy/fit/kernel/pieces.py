@@ -32,6 +32,13 @@ R = TypeVar("R", bound=Prepared)
 # are nearest; by about how much they grow.
 _CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2.0
 _ROUGH = 1e-3  # change of chi-square, of what is left beyond the noise, at which a fit ends
+# In cycles: a wrong frequency shows as a phase that drifts, and must not drift far before it is
+# corrected. Where a structure is wrong, longer strides (1.6) were seen to lose the motion.
+_FIRST, _LONGER = 2.5, 1.4
+# Until the whole record is in sight, no term may change the acceleration by more than about this
+# part of it: few cycles do not tell coefficients apart.
+_LEASH = 0.01
+_LEADS = 1e-2  # tolerance of chi-square: shorter horizons only lead on
 
 
 def cut(record: R, cycles: float) -> list[R]:
@@ -86,15 +93,6 @@ def fit_pieces(
 def moved(records: Sequence[R], motions: Sequence[Trajectory]) -> tuple[R, ...]:
     """Records with other motions behind them."""
     return tuple(r.with_motion(m) for r, m in zip(records, motions, strict=True))
-
-
-# In cycles: a wrong frequency shows as a phase that drifts, and must not drift far before it is
-# corrected. Where a structure is wrong, longer strides (1.6) were seen to lose the motion.
-_FIRST, _LONGER = 2.5, 1.4
-# Until the whole record is in sight, no term may change the acceleration by more than about this
-# part of it: few cycles do not tell coefficients apart.
-_LEASH = 0.01
-_LEADS = 1e-2  # tolerance of chi-square: shorter horizons only lead on
 
 
 def fit_growing(

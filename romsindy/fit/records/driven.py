@@ -20,6 +20,11 @@ from romsindy.typing import Array
 
 _PLACES = np.array([0.0, *NODES, 1.0])  # where a simulation asks for it, in a step
 _KEPT = 4  # tables: a fit asks for the same one again and again
+# Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
+# this part of the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
+# Short records can have more, as long as all their steps are no more than so many.
+_STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
+_MOST_STEPS, AFFORDABLE = 40, 40_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +58,6 @@ class Sampled:
                 self.tables.pop(next(iter(self.tables)))
             self.tables[term] = np.column_stack([values(starts), inside])
         return self.tables[term]
-
-
-# Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
-# this part of the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
-# Short records can have more, as long as all their steps are no more than so many.
-_STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
-_MOST_STEPS, AFFORDABLE = 40, 40_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,15 @@ phase is never a cycle off, and end with exact motions (`romsindy.fit.kernel.sho
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from romsindy.effects.base import Effect
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.adequacy.decays import examine
@@ -133,18 +135,21 @@ class Fit(Estimate):
         """What was fitted: the free parts, or pieces of them where notes say so."""
         return tuple(r.decay for r in self.records if not r.driven)
 
+    def _fitted(self, kind: type[Effect]) -> Iterator[tuple[Part, Array]]:
+        """Parts of a kind of effect, each with the standard errors of its values."""
+        std = np.sqrt(np.diag(self.solution.covariance))
+        for part, at in zip(self.solution.parts, self.solution.slices(), strict=True):
+            if isinstance(part.effect, kind):
+                yield part, std[at]
+
     @property
     def delays(self) -> dict[str, tuple[float, float]]:
         """By how much each input acts later than it was measured, and the standard error, s.
 
         By `Input.signal`: powers of an input, such as "force^3", have delays of their own.
         """
-        std = np.sqrt(np.diag(self.solution.covariance))
-        return {
-            part.effect.of.signal: (part.effect.delay, float(std[at.stop - 1]))
-            for part, at in zip(self.solution.parts, self.solution.slices(), strict=True)
-            if isinstance(part.effect, Drive)
-        }
+        found = ((cast(Drive, part.effect), std) for part, std in self._fitted(Drive))
+        return {drive.of.signal: (drive.delay, float(std[-1])) for drive, std in found}
 
     @property
     def shapes(self) -> dict[str, tuple[float, float]]:
@@ -152,16 +157,11 @@ class Fit(Estimate):
 
         In the unit of q and seconds; the other values of a law are those of `model`.
         """
-        std = np.sqrt(np.diag(self.solution.covariance))
-        found: dict[str, tuple[float, float]] = {}
-        for part, at in zip(self.solution.parts, self.solution.slices(), strict=True):
-            if isinstance(part.effect, MemoryEffect):
-                own = zip(part.parameters, part.shape, std[at][part.strengths.size :], strict=True)
-                found |= {
-                    f"{part.effect.remembering.key} {p.name}": (float(v), float(e))
-                    for p, v, e in own
-                }
-        return found
+        return {
+            f"{cast(MemoryEffect, part.effect).remembering.key} {p.name}": (float(v), float(e))
+            for part, std in self._fitted(MemoryEffect)
+            for p, v, e in zip(part.parameters, part.shape, std[part.strengths.size :], strict=True)
+        }
 
     @property
     def noise(self) -> tuple[Noise | tuple[Noise, ...], ...]:

@@ -17,6 +17,9 @@ from romsindy.record.decay import Decay
 from romsindy.record.files.columns import named, refused
 
 _STREAMS = ("dev", "proc")  # folders of what is no file, or another name of an open one
+_RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}  # after the unit of q
+_FIELDS = ("unit", "measured", "stage", "notes", "leftover")
+_MARK = "# romsindy "  # first line of a CSV that `save_decay` wrote
 
 
 def is_stream(path: str | Path) -> bool:
@@ -62,11 +65,6 @@ def write_whole(path: str | Path, text: str) -> None:
     """Write a text in UTF-8 as `whole` does."""
     with whole(path) as new:
         new.write_text(text, encoding="utf-8")
-
-
-_RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}  # after the unit of q
-_FIELDS = ("unit", "measured", "stage", "notes", "leftover")
-_MARK = "# romsindy "  # first line of a CSV that `save_decay` wrote
 
 
 def save_decay(decay: Decay, path: str | Path) -> None:
