@@ -566,6 +566,20 @@ def test_small_benchmark_of_driven_verdicts(benchmark):
 
 
 @pytest.mark.slow
+@benchmark_of("steady_verdicts")
+def test_small_benchmark_of_steady_verdicts(benchmark):
+    """A linear oscillator in closed form; drag that is missing is noticed under every noise."""
+    w = np.linspace(1.9, 2.1, 7)
+    q, settled = benchmark.steady(w, np.ones(7), lambda q, v: 4.0 * q + 0.1 * v)
+    assert settled.all()
+    # An error of the phase of (omega h)^4 / 120 a radian.
+    np.testing.assert_allclose(q, 1 / (4 - w**2 + 0.1j * w), rtol=1e-4)
+    rows = benchmark.trial(51) + benchmark.trial(52, "c_quadratic")
+    assert [r.explained for r in rows] == [True] * 5 + [False] * 5
+    assert "noticed in 1 of 1" in benchmark.report(rows)[0]
+
+
+@pytest.mark.slow
 @benchmark_of("decay_verdicts")
 def test_small_benchmark_of_decay_verdicts(benchmark):
     """A linear decay in closed form, and energy that viscous damping takes; an unknown force."""

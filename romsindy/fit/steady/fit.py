@@ -31,7 +31,7 @@ from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
-from romsindy.fit.steady.independence import verdict_of
+from romsindy.fit.steady.independence import verdict_of, with_spread
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.told import between_levels, notes_on
@@ -201,8 +201,8 @@ def fit_steady(
     measured : "displacement", "velocity" or "acceleration"
         What the response is; q has its unit, integrated over time in s.
     std : float, (n,) or (n, H) array, optional
-        Standard deviation of real and imaginary part of the response. Without it, all that is left
-        over counts as a force.
+        Standard deviation of real and imaginary part of the response. Without it, it is the same in
+        all points, and found in what is left; all of that counts as a force where points are few.
     gain, phase : float, optional
         Force per unit mass of an excitation of 1, and by how much it leads it, rad; fitted if not
         given. The phase also holds what filters do to the response.
@@ -250,13 +250,16 @@ def fit_steady(
     if gain is None:
         _require_lags(points)
     solution = solve(points, model, free, gain, slope, phase)
+    if std is None:
+        points = with_spread(points, solution)
+        solution = solve(points, solution.model, free, gain, slope, phase)
     together = correlation(points, solution)
     joint = _covariance(points, solution, together)
     _require_gain(solution, joint)
     _require_sense(points, solution)
     peak = float(points.amplitude.max())
-    n, verdict = len(free), verdict_of(points, solution)
-    notes = notes_on(points, solution, together)
+    n, verdict = len(free), verdict_of(points, solution, std is not None)
+    notes = notes_on(points, solution, together, std is not None)
     if chosen:
         every = every_choice(points, solution, some_slope, joint)
         joint, doubts = counting_choice(solution.free, joint, every)

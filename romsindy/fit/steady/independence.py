@@ -3,8 +3,7 @@
 Noise knows neither. Terms that the model lacks, and what the excitation may do beside what was
 fitted, are tried together on what is left: an F test of generalised least squares. Noise is that of
 the response, and a part of the force, whose neighbours may go together. Where the noise of the
-response was not given, it is the same in all points as measured, of a size that the restricted
-likelihood finds in what is left.
+response was not given, it is found in what is left, by the restricted likelihood.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -31,11 +29,12 @@ from romsindy.typing import Array
 
 _SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _ROUNDS = 3  # in which noises and the correlation of neighbours settle
-# Correlation at most; part of the variance that is force at least: near a fold the noise of the
-# response makes no force to first order, and some to second order.
-_ALIKE, _FORCE = 0.99, 1e-3
+_ALIKE = 0.99  # correlation at most
+_CHANCE = 4.0  # fall of minus twice the log-likelihood that is chance: two standard errors
 _FREEDOM = 5  # rows beyond the columns, at least
-_RANK = 1e-5  # of columns of unit size: directions below it are told by others
+# Of columns of unit size: directions below it are told by others, and by the noise of the response
+# in the columns themselves, which is about as large.
+_RANK = 1e-2
 _CALLED = {
     "gain": "another gain of the force",
     "slope": "a gain that grows with the force",
@@ -43,18 +42,59 @@ _CALLED = {
 }
 
 
-class _TriedColumns(NamedTuple):
+@dataclass(frozen=True)
+class _PointColumns:
     """Columns of what is left of the force, (n, k, m): those that were fitted come first."""
 
     names: list[str]
     columns: Array
     rows: Rows
 
+    @property
+    def enough(self) -> bool:
+        """Whether there are more rows than columns."""
+        return self.rows.misfit.size >= self.columns.shape[2] + _FREEDOM
 
-def verdict_of(points: SteadyPoints, solution: SteadySolution) -> SteadyAdequacy:
-    """Whether what is left goes with motion or force, and how much it is."""
+    @cached_property
+    def directions(self) -> Array:
+        """Of the columns over the size of the force, those that differ; as columns."""
+        size = self.rows.size[:, None, None]
+        flat = (self.columns / size).reshape(-1, self.columns.shape[2])
+        u, sizes, _ = np.linalg.svd(flat / np.linalg.norm(flat, axis=0), full_matrices=False)
+        return size * u[:, sizes > _RANK].reshape(*self.columns.shape[:2], -1)
+
+
+def with_spread(points: SteadyPoints, solution: SteadySolution) -> SteadyPoints:
+    """Points with the likeliest noise of the response in what a fit without it leaves.
+
+    It is the same in all points as measured; they stay as they are where they are too few.
+    """
+    tried = _tried(points, solution)
+    if not tried.enough:
+        return points
+    rows, std = tried.rows, points.frequency ** -float(points.rate)
+    sensor = (rows.by_q * std[:, None, None] ** 2) @ rows.by_q.swapaxes(1, 2)
+    force = rows.size[:, None, None] ** 2 * np.eye(rows.misfit.shape[1])
+    scale = np.trace(force.sum(axis=0)) / np.trace(sensor.sum(axis=0))
+
+    def mixed(share: float) -> _PointNoise:
+        return replace(noise, covariance=share * force + (1 - share) * scale * sensor)
+
+    noise, share = _PointNoise(points, tried, force), 1.0
+    for _ in range(_ROUNDS):
+        share = _least(lambda x: mixed(x).size[1], 0.0, 1.0)
+        noise = mixed(share).going_together()
+    size = np.sqrt((1 - share) * scale * noise.size[0])
+    return replace(points, std=np.outer(size * std, np.ones(points.q.shape[1])))
+
+
+def verdict_of(points: SteadyPoints, solution: SteadySolution, given: bool) -> SteadyAdequacy:
+    """Whether what is left goes with motion or force, and how much it is.
+
+    The noise of the response was ``given``, or else found in what is left.
+    """
     (n, k), n_fitted = solution.misfit.shape, len(solution.free)
-    power = float(np.sum(solution.over_noise**2)) if np.any(points.std > 0) else np.nan
+    power = float(np.sum(solution.over_noise**2)) if given else np.nan
     verdict = SteadyAdequacy(
         ratio=np.sqrt(power / (n * k - n_fitted)),
         p_value=np.nan,
@@ -68,20 +108,17 @@ def verdict_of(points: SteadyPoints, solution: SteadySolution) -> SteadyAdequacy
         unknown=np.sqrt(k) * solution.unexplained,
     )
     tried = _tried(points, solution)
-    if n * k < tried.columns.shape[2] + _FREEDOM:
+    if not tried.enough:
         return verdict
-    if np.any(points.std > 0):
-        covariance, unknown = tried.rows.covariance(solution.floor), solution.unexplained
-        noise = _ForceNoise(points, tried, covariance).going_together()
-    else:
-        noise, unknown = _found_noise(points, tried)
-    found = tell_together(noise.weighed.T @ noise.weighed, n_fitted, n * k)
+    covariance = tried.rows.covariance(solution.floor)
+    table = _PointNoise(points, tried, covariance).going_together().over(tried.columns)
+    found = tell_together(table.T @ table, n_fitted, n * k)
+    moved = tried.columns @ found.values / tried.rows.size[:, None]
     return replace(
         verdict,
         p_value=found.p_value,
         structure=found.excess,
-        unknown=np.sqrt(k) * unknown,
-        missing=_of_force(tried.columns @ found.values / tried.rows.size[:, None]),
+        missing=min(_of_force(moved), verdict.part),
         like=tried.names[n_fitted + found.most],
     )
 
@@ -91,7 +128,7 @@ def _of_force(parts: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(parts**2, axis=1))))
 
 
-def _tried(points: SteadyPoints, solution: SteadySolution) -> _TriedColumns:
+def _tried(points: SteadyPoints, solution: SteadySolution) -> _PointColumns:
     model, chain = solution.model, solution.chain
     fast = float(np.max(points.frequency * points.amplitude))
     laws = (Stiffness(1), PowerDamping(1), *sought("steady"), Inertia(3))
@@ -109,61 +146,44 @@ def _tried(points: SteadyPoints, solution: SteadySolution) -> _TriedColumns:
     del late[f"{_CALLED['slope']} at other frequencies"]
     ordered = {n: by.pop(n) for n in solution.free}
     ordered |= {_CALLED.get(n, n): column for n, column in by.items()} | late
-    return _TriedColumns([*ordered], np.stack([*ordered.values()], axis=2), rows)
+    return _PointColumns([*ordered], np.stack([*ordered.values()], axis=2), rows)
 
 
 @dataclass(frozen=True)
-class _ForceNoise:
+class _PointNoise:
     """Noise in what is left of the force."""
 
     points: SteadyPoints
-    tried: _TriedColumns
+    tried: _PointColumns
     covariance: Array  # (n, k, k), of every point
     together: float = 0.0  # correlation of neighbours
 
-    @cached_property
-    def weighed(self) -> Array:
-        """Columns and what is left, (n k, m), over it."""
-        joined = np.concatenate([self.tried.columns, -self.tried.rows.misfit[..., None]], axis=2)
+    def over(self, columns: Array) -> Array:
+        """Columns (n, k, m) and what is left, (n k, m + 1), over it."""
+        joined = np.concatenate([columns, -self.tried.rows.misfit[..., None]], axis=2)
         table = np.linalg.solve(np.linalg.cholesky(self.covariance), joined)
         return without_neighbours(table, self.points.level, self.together)
 
     @cached_property
     def size(self) -> tuple[float, float]:
         """Variance of what the columns leave over it, and minus twice its log-likelihood."""
-        table, norms = self.weighed, np.linalg.norm(self.weighed[:, :-1], axis=0)
-        u, sizes, _ = np.linalg.svd(table[:, :-1] / norms, full_matrices=False)
-        told = sizes > _RANK
-        left = table[:, -1] - u[:, told] @ (u[:, told].T @ table[:, -1])
-        freedom, level = len(table) - np.count_nonzero(told), self.points.level
+        table, level = self.over(self.tried.directions), self.points.level
+        u, r = np.linalg.qr(table[:, :-1])
+        left = table[:, -1] - u @ (u.T @ table[:, -1])
+        freedom = len(table) - len(r)
         variance = float(left @ left) / freedom
         followers = self.covariance.shape[1] * np.count_nonzero(level[1:] == level[:-1])
-        unlikely = np.sum(np.linalg.slogdet(self.covariance)[1])
-        unlikely += followers * np.log(1 - self.together**2) + freedom * np.log(variance)
-        return variance, float(unlikely + 2 * np.log(sizes[told]).sum() + 2 * np.log(norms).sum())
+        unlikely = np.linalg.slogdet(self.covariance)[1].sum() + freedom * np.log(variance)
+        unlikely += followers * np.log(1 - self.together**2)
+        return variance, float(unlikely + 2 * np.log(np.abs(np.diag(r))).sum())
 
-    def going_together(self) -> _ForceNoise:
-        """With the likeliest correlation of neighbours."""
-        found = _least(lambda x: replace(self, together=x).size[1], 0.0, _ALIKE)
-        return replace(self, together=found)
-
-
-def _found_noise(points: SteadyPoints, tried: _TriedColumns) -> tuple[_ForceNoise, float]:
-    """The likeliest noise where that of the response is not known, and what of it is force."""
-    rows = tried.rows
-    std = points.frequency ** -float(points.rate)
-    sensor = (rows.by_q * std[:, None, None] ** 2) @ rows.by_q.swapaxes(1, 2)
-    force = rows.size[:, None, None] ** 2 * np.eye(rows.misfit.shape[1])
-    sensor *= np.trace(force.sum(axis=0)) / np.trace(sensor.sum(axis=0))
-
-    def mixed(share: float) -> _ForceNoise:
-        return replace(noise, covariance=share * force + (1 - share) * sensor)
-
-    noise, share = _ForceNoise(points, tried, force), 1.0
-    for _ in range(_ROUNDS):
-        share = _least(lambda x: mixed(x).size[1], _FORCE, 1.0)
-        noise = mixed(share).going_together()
-    return noise, float(np.sqrt(share * noise.size[0]))
+    def going_together(self) -> _PointNoise:
+        """With the likeliest correlation of neighbours, where none is much less likely."""
+        found = replace(
+            self, together=_least(lambda x: replace(self, together=x).size[1], 0.0, _ALIKE)
+        )
+        none = replace(self, together=0.0)
+        return found if none.size[1] - found.size[1] > _CHANCE else none
 
 
 def _least(of: Callable[[float], float], low: float, high: float) -> float:

@@ -134,12 +134,12 @@ def solve(
 
 
 def correlation(points: SteadyPoints, solution: SteadySolution) -> float:
-    """Of the misfits of neighbours in a level; 0 where it is chance, or the noise explains them."""
+    """Of the misfits of neighbours in a level; 0 where it is chance."""
     white, level = solution.white, points.level
     same = level[1:] == level[:-1]
     products = np.sum(white[1:] * white[:-1], axis=1)[same]
     together = float(np.mean(products) / np.mean(np.sum(white**2, axis=1)))
-    if not solution.unexplained or together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
+    if together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
         return 0.0
     return min(together, 1.0)
 

@@ -21,12 +21,16 @@ _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its 
 _EM, _SAME, _ALIKE = 60, 1e-9, 0.99  # iterations; columns, and neighbours, that are one
 
 
-def notes_on(points: SteadyPoints, solution: SteadySolution, together: float) -> list[str]:
+def notes_on(
+    points: SteadyPoints, solution: SteadySolution, together: float, given: bool
+) -> list[str]:
     notes = []
     if not solution.converged:
         notes.append("the fit has not come to its end: use fewer terms")
-    if not np.any(points.std > 0):
-        notes.append("std was not given: errors count all that is left as a force")
+    if not given:
+        std = points.std[0, 0] * points.frequency[0] ** points.rate
+        found = f"{std:.3g} was found in what is left" if std else "all that is left is a force"
+        notes.append(f"std was not given: {found}")
     if together:
         notes.append(
             f"misfits of neighbouring points go together (correlation {together:.2f}): the errors"
