@@ -17,7 +17,6 @@ from romsindy.fit.kernel.part import LINEAR, Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import LOSSES
 from romsindy.fit.records.arguments import (
-    driven_among,
     free_names,
     listed_records,
     require_known,
@@ -37,6 +36,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Given
 
 
 def refine(
@@ -85,7 +85,7 @@ def refine(
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
     several = listed_records(decays)
-    if driven_among(several):
+    if Given.of(several).driven:
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)

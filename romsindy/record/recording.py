@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -239,6 +239,33 @@ class Measurement(ABC):
     def signal_unit(self) -> str:
         """Unit of the measured quantity."""
         return unit_of(self.measured, self.unit)
+
+
+class Given(NamedTuple):
+    """What an argument holds that takes one record or several."""
+
+    several: list[Any]  # in their order
+
+    @classmethod
+    def of(cls, argument: Any) -> Given:
+        """A record by itself, or those of a list."""
+        many = isinstance(argument, (list, tuple, Iterator))
+        return cls(list(argument) if many else [argument])
+
+    @property
+    def decays(self) -> list[Any]:
+        """Records that nothing drives."""
+        return [r for r in self.several if isinstance(r, Measurement) and not r.driven]
+
+    @property
+    def driven(self) -> list[Any]:
+        """Those with inputs."""
+        return [r for r in self.several if isinstance(r, Measurement) and r.driven]
+
+    @property
+    def others(self) -> list[Any]:
+        """What is no record of one motion."""
+        return [r for r in self.several if not isinstance(r, Measurement)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

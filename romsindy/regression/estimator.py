@@ -6,7 +6,7 @@ import itertools
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -19,7 +19,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.recording import Measurement, as_floats, as_seconds
+from romsindy.record.recording import Given, Measurement, as_floats, as_seconds
 from romsindy.record.smoothing import Filter
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
 from romsindy.regression.projection import HarmonicProjection, HarmonicRows
@@ -272,11 +272,10 @@ def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
 
     Raises a ValueError if inputs are given beside decays, or shapes do not fit.
     """
-    several = list(x) if isinstance(x, (list, tuple)) else [x]
-    driven = [v for v in several if isinstance(v, Measurement) and v.driven]
-    forced = cast(list[ForcedVibration], driven)
+    given = Given.of(x)
+    forced = given.driven
     if u is None:
-        if forced and len(forced) < len(several):
+        if forced and len(forced) < len(given.several):
             raise ValueError(
                 "x holds forced vibrations and others: regress one kind; refine() takes decays"
                 " and forced vibrations together"
@@ -284,7 +283,7 @@ def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
         return forced
     if forced:
         raise ValueError("u is given, and x is a ForcedVibration, which has inputs: leave out u")
-    if any(_is_decay(d) for d in several):
+    if given.decays:
         raise ValueError(
             "u is given, and x is a Decay, which nothing drives: leave out u, or give arrays x, t"
             " and u, or a ForcedVibration"

@@ -1,4 +1,7 @@
-"""Rounds: simulate a beam, take off what it does beside its reduced model, look again."""
+"""What a beam lacks, from decays measured by several sensors: from the records to a better beam.
+
+Rounds simulate the beam, take off what it does beside its reduced model, and look again.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Identify the equations of several coordinates from free decays.
 
 The vibrations that ring say how many coordinates there are, how fast and how damped small motions
-are. Candidates are chosen by what they gain on data that took no part (`romsindy.fit.
-selection`), about the measured motion first and then about that of the model, until the choice
-stays. No ratio of frequencies is asked for.
+are. Candidates are chosen by what they gain on data that took no part
+(`romsindy.fit.choice.selection`), about the measured motion first and then about that of the model,
+until the choice stays. No ratio of frequencies is asked for.
 
 Vibrations that are close in frequency beat where they are large and exchange energy, and what is
 followed of each in the channels is wrong there. Where they are quieter it is right. A model of the
@@ -26,7 +26,6 @@ from romsindy.fit.kernel.collocation import TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.pieces import cut, moved, shortest
 from romsindy.fit.records.arguments import (
-    driven_among,
     require_known,
     require_unit,
     several_decays,
@@ -45,6 +44,7 @@ from romsindy.physics.integration import EscapeError
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Given
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
@@ -138,7 +138,7 @@ def model_with_terms(
             " each is of, as Along.coordinate(Stiffness(3), 1) of romsindy.physics.coupling"
         )
     unit = records[0].unit
-    if driven := driven_among(records):
+    if driven := Given.of(records).driven:
         modes = modes_of(driven, coordinates)
         linear = linear_model(modes.omega, modes.ratios, unit)
     else:

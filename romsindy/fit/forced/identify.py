@@ -21,7 +21,6 @@ from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.part import LINEAR, Coefficient
 from romsindy.fit.records.arguments import (
-    driven_among,
     free_names,
     listed_records,
     require_known,
@@ -42,6 +41,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.prediction import innovation
+from romsindy.record.recording import Given
 from romsindy.record.ringing import require_channels
 from romsindy.text import percent
 from romsindy.typing import Array
@@ -67,7 +67,7 @@ def identify_forced(
     that looks like the displacement of the base is refused.
     """
     several, known = listed_records(records), dict(fixed or {})
-    driven = driven_among(several)
+    driven = Given.of(several).driven
     if not driven:
         raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
     require_unit(several, several[0].unit)

@@ -21,7 +21,7 @@ from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.records.arguments import driven_among, free_names, require_unit, small_frequencies
+from romsindy.fit.records.arguments import free_names, require_unit, small_frequencies
 from romsindy.fit.records.between_samples import Rivals, rated, ways
 from romsindy.fit.records.coupled import free_shapes
 from romsindy.fit.records.measured import ready, ready_along
@@ -36,6 +36,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
+from romsindy.record.recording import Given
 from romsindy.record.ringing import require_channels
 
 _CYCLES = 20.0  # in the shortest pieces
@@ -108,7 +109,7 @@ class Look(NamedTuple):
             return cls.of(several, None)
         require_channels(several, several[0].n_channels)
         omega = 2 * np.pi * small_frequencies(model)
-        modes = modes_near(driven_among(several), omega, model.linear_damping_ratios)
+        modes = modes_near(Given.of(several).driven, omega, model.linear_damping_ratios)
         return cls.of(several, modes)
 
     @property

@@ -42,19 +42,12 @@ _STIFFNESS = {True: "stiffness polynomial", False: "linear"}
 
 
 class SensorCurvature(NamedTuple):
-    """What is not known of the sensor.
+    """What is not known of the sensor."""
 
-    Attributes
-    ----------
-    curvature : float
-        Standard deviation of e: what the sensor is expected to be off a straight line at the
-        largest amplitude, as a part of that; 0 of one that is straight.
-    n_records : int
-        Each has an offset of its own.
-    """
-
+    # Standard deviation of e: what the sensor is expected to be off a straight line at the largest
+    # amplitude, as a part of that; 0 of one that is straight
     curvature: float
-    n_records: int
+    n_records: int  # each has an offset of its own
 
     @property
     def size(self) -> int:

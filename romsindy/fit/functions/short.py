@@ -50,27 +50,15 @@ class Followed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Short:
-    """An equation of few terms, or the linear one.
-
-    Attributes
-    ----------
-    model : ReducedModel
-    bands : dict
-        95 % interval of each coefficient that was fitted, by its name.
-    follows : bool
-        Whether few terms follow the functions; else the model is linear.
-    frequency, damping : Followed
-        Of the few terms that come nearest, as parts of the largest frequency and damping ratio.
-    amplitude : float
-        Up to which they were compared, unit of q.
-    """
+    """An equation of few terms, or the linear one."""
 
     model: ReducedModel
-    bands: dict[str, tuple[float, float]]
-    follows: bool
+    bands: dict[str, tuple[float, float]]  # 95 %, of each coefficient that was fitted, by its name
+    follows: bool  # whether few terms follow the functions; else the model is linear
+    # Of the few terms that come nearest, as parts of the largest frequency and damping ratio
     frequency: Followed
     damping: Followed
-    amplitude: float
+    amplitude: float  # up to which they were compared, unit of q
 
 
 class _Target(NamedTuple):

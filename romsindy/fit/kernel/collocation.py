@@ -58,24 +58,13 @@ def _monomials(theta: Array, derivative: int) -> Array:
 
 @dataclass(frozen=True)
 class Grid:
-    """Steps of equal length, and where the wanted times lie in them.
+    """Steps of equal length, and where the wanted times lie in them."""
 
-    Parameters
-    ----------
-    start, step : float
-        First time and length of a step, s.
-    n_steps : int
-    sample_step : (n,) array of int
-        Step that holds each wanted time.
-    fraction : (n,) array
-        Place of each wanted time in its step, 0 to 1.
-    """
-
-    start: float
-    step: float
+    start: float  # first time, s
+    step: float  # length, s
     n_steps: int
-    sample_step: Array
-    fraction: Array
+    sample_step: Array  # (n,) of int, which step holds each wanted time
+    fraction: Array  # (n,), place of each wanted time in its step, 0 to 1
 
     @classmethod
     def over(

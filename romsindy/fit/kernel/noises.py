@@ -103,25 +103,16 @@ def _over(channels: Iterable[_OneLag], noises: Noises) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TwoNoises:
-    """The covariance of what is left of one record, whatever the sizes of its noises.
+    """The covariance of what is left of one record, whatever the sizes of its noises."""
 
-    Parameters
-    ----------
-    shown : tuple of c (n, n_unknowns) sparse arrays
-        What samples of each channel show of the states at the steps.
-    moves : tuple of R (2 n_steps, n_unknowns) sparse arrays
-        Moves of the states from step to step by a force on each coordinate, over their size where
-        it has intensity 1.
-    inside : (n_steps, 3 R, 2 R) array
-        What a state at the start of a step does to the accelerations in it.
-    heard : (R, c) array
-        Power of what each force moves in each channel, at intensity 1.
-    """
-
+    # c of (n, n_unknowns): what samples of each channel show of the states at the steps
     shown: tuple[spmatrix, ...]
+    # R of (2 n_steps, n_unknowns): moves of the states from step to step by a force on each
+    # coordinate, over their size where it has intensity 1
     moves: tuple[spmatrix, ...]
+    # (n_steps, 3 R, 2 R), what a state at the start of a step does to the accelerations in it
     inside: Array
-    heard: Array
+    heard: Array  # (R, c), power of what each force moves in each channel, at intensity 1
 
     @classmethod
     def along(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import cast
 
 import numpy as np
 
 from romsindy.physics.equations import Equations
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.recording import Measurement
+from romsindy.record.recording import Given
 from romsindy.typing import Array
 
 
@@ -22,16 +21,15 @@ def listed_records(
 
     Raises a ValueError for none, or anything else.
     """
-    several = [records] if isinstance(records, Measurement) else records
-    is_list = isinstance(several, (list, tuple))
-    if not is_list or not all(isinstance(d, Measurement) for d in several):
+    given = Given.of(records)
+    if given.others:
         raise ValueError(
             f"{name} is {type(records).__name__}: give a Decay or a list of them; arrays become one"
             ' by Decay(t, q, unit="m"), and with an input by ForcedVibration(t, y, u, unit="m")'
         )
-    if not several:
+    if not given.several:
         raise ValueError(f"{name} is empty: give at least one Decay")
-    return list(several)
+    return given.several
 
 
 def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[Decay]:
@@ -40,17 +38,12 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
     Raises a ValueError for none, or anything else.
     """
     several = listed_records(decays)
-    if driven_among(several):
+    if Given.of(several).driven:
         raise ValueError(
             "decays hold a ForcedVibration, and free decays are needed here: refine() and"
             " identify() take inputs"
         )
     return several  # type: ignore[return-value]
-
-
-def driven_among(several: Sequence[Decay | ForcedVibration]) -> list[ForcedVibration]:
-    """Those with inputs."""
-    return [cast(ForcedVibration, v) for v in several if v.driven]
 
 
 def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -> None:
