@@ -50,7 +50,7 @@ def _mode(found: Findings, mode: Mode) -> dict[str, Any]:
 
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from romsindy.show.page import Figure
 
 
 class Inspection(Findings):
