@@ -1,6 +1,7 @@
 """What a simulation lacks against forced vibrations, made by a simulator of its own."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,12 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
-from romsindy.diagnosis.colour import ColourOfBest
+from romsindy.diagnosis.arguments import checked_driven
+from romsindy.diagnosis.colour import ByNoises, ColourOfBest
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0
@@ -109,6 +114,34 @@ def test_a_linear_simulation_of_a_stiff_spring_with_friction_is_told_both():
     for name, value in (("cubic_stiffness", 1.2e5 + CUBIC), ("dry_friction", 1.5)):
         error = found[name].standard_errors["strength"]
         assert abs(found[name].values["strength"] - value) < 4 * error < 0.1 * value
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_friction_that_holds_under_an_input_settles(seed):
+    """Averaged over a step alone, the force of what sticks jumps from iterate to iterate."""
+    records = checked_driven([record(seed, lambda q, v: 2.0 * np.tanh(v / 5e-4))], 0.0)
+    found = fit(model(), [Part(DryFriction(), (), np.array([[1.0]]))], records)
+    assert found.converged
+    # It turns round over 0.7 % of the largest velocity: a part of the motion in quiet stretches.
+    assert found.parts[0].strengths[0, 0] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_step_by_noises_moves_a_simulation_by_no_more_than_is_left():
+    """A cube that is far off would go twice as far; of a fit that has settled none is shorter."""
+    records = checked_driven([record(2, drag)], 0.0)
+    values = (CubicStiffness(), 5e4), (AirDrag(), 0.0)
+    parts = tuple(Part(e, (), np.array([[x]])) for e, x in values)
+    settled = fit(model(), parts, records)
+    far = resimulated(model(), replace(settled, parts=parts), records)
+
+    def moved(solution):
+        weighed = ByNoises.of(model(), solution, records)
+        there = weighed.solved(solution, ()).parts
+        step = [b.values - a.values for a, b in zip(solution.parts, there, strict=True)]
+        return np.linalg.norm(weighed.tables[0].fitted @ np.concatenate(step))
+
+    assert moved(far) == pytest.approx(np.linalg.norm(far.residuals[0]))
+    assert moved(settled) < 0.1 * np.linalg.norm(settled.residuals[0])
 
 
 def test_the_chain_is_late():

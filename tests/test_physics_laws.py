@@ -145,6 +145,24 @@ def test_averaged_friction_is_the_mean_over_the_step(law):
     np.testing.assert_allclose(mean.force, expected, atol=1e-4)  # one sample of the quadrature
 
 
+@pytest.mark.parametrize("law", [Friction(), Friction(1.05), RubbingFriction(0.1)], ids=str)
+def test_friction_with_creep_has_the_mean_and_the_slopes_of_its_weights(law):
+    """Quadrature by weights on a line down to both ends, and central differences."""
+    q, v, change, creep = np.array([0.5, 0.3, -0.4]), np.array([0.02, -0.3, 0.07]), 0.09, 0.05
+    mean = law.averaged(q, v, np.zeros(3), np.full(3, change), creep)
+    place = 2 * (np.arange(20000) + 0.5) / 20000 - 1
+    speeds = v[:, None] + np.hypot(change, creep) * place
+    there = law.damping(q[:, None], speeds) * 2 * (1 - np.abs(place))
+    np.testing.assert_allclose(mean.force, np.mean(there, axis=1), atol=1e-4)  # one sample
+
+    def force(dv, dc):
+        return law.averaged(q, v + dv, np.zeros(3), np.full(3, change + dc), creep).force
+
+    h = 1e-6
+    np.testing.assert_allclose(mean.by_q_dot, (force(h, 0) - force(-h, 0)) / (2 * h), atol=1e-7)
+    np.testing.assert_allclose(mean.by_change, (force(0, h) - force(0, -h)) / (2 * h), atol=1e-7)
+
+
 @pytest.mark.parametrize("term", ALL, ids=lambda t: t.key)
 def test_damping_never_feeds_energy(term):
     assert np.all(np.asarray(term.damping(Q, Q_DOT) * Q_DOT) >= 0)

@@ -9,6 +9,7 @@ white, and the misfits of all others alike.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,12 +23,14 @@ from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy.independence import examine_driven
 from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit, linear_table
 from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_noises
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts, prior_cost
 from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.record.prediction import autoregression
@@ -155,8 +158,19 @@ class ByNoises:
             system.add_products(where, table.weighed(own).products)
         system.add_priors(parts)
         step = system.bounded_step(np.zeros(self.n_values, bool), *limits(parts))
+        step = self._short(step)
         moved = moved_parts(parts, step)
         return Solved(system, system.chi_squared(step), moved, system.covariance())
+
+    def _short(self, step: Array) -> Array:
+        """A step as far as it moves the simulation by no more than what is left of the records.
+
+        Noise alone never moves a fit further, and a linear problem does not know what lies there.
+        """
+        left = sum(float(t.left @ t.left) for t in self.tables)
+        pairs = zip(self.tables, self.places, strict=True)
+        moved = sum(float(np.sum((t.fitted @ step[where]) ** 2)) for t, where in pairs)
+        return step * min(1.0, np.sqrt(left / max(moved, 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -203,7 +217,7 @@ class ColourOfBest:
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
     ) -> list[Hypothesis]:
         noise, plain = _noise_of(among), among[0].solution
-        most = plain.chi_squared if plain.converged else np.inf
+        most = plain.chi_squared if among[0].weighed is not None else np.inf
         weighed = (h.at(noise) for h in hypotheses)
         # What leaves more than the first, without any effect, went astray and says nothing.
         return sorted(weighed, key=lambda h: (h.solution.chi_squared > most, h.score))
@@ -229,6 +243,9 @@ class ColourOfBest:
         if s.finite and not ended:
             # A motion that does not yet satisfy its equation leaves too little.
             s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
+            if s.finite and not (s.converged or self.unsettled):
+                with suppress(TrajectoryError):  # then nothing is said of it
+                    s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
         weighed = self.linearised(model, s, records) if there else None
         return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)

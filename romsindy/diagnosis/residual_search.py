@@ -81,8 +81,16 @@ class ResidualSearch(Search):
                 chosen += [(part,) for part in other]
             search.fitted([(*effects, *parts) for parts in chosen])
         most = len(effects) + max(map(len, chosen), default=0)
-        found = [self._best(n) for n in range(len(effects) + 1, most + 1)]
-        return self.ranked([h for h in found if h is not None])
+        found = []
+        for n in range(len(effects) + 1, most + 1):
+            best_of = self._best(n)
+            if best_of is None:
+                continue
+            found.append(best_of)
+            # What leaves noise needs no second effect: that would take up the noise itself.
+            if n < most and self.enough(best_of):
+                break
+        return self.ranked(found)
 
     def _weighed(self) -> list[Hypothesis]:
         """All that were fitted so far, the best first."""

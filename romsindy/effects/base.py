@@ -46,7 +46,8 @@ class State(NamedTuple):
 
     ``rate`` (rad/s) is that of small vibrations, ``memory`` what an effect remembers of the motion
     before, None where the motion begins; ``clock`` (s) is what the clock of all records shows at
-    the start of this one; ``inputs`` are those that were measured, by name.
+    the start of this one; ``inputs`` are those that were measured, by name. Below the velocity
+    ``creep`` friction turns round smoothly.
     """
 
     t: Array
@@ -58,6 +59,7 @@ class State(NamedTuple):
     memory: Memory | None = None
     clock: float = 0.0
     inputs: Mapping[str, SampledInput] | None = None
+    creep: float = 0.0
 
 
 class Scales(NamedTuple):
@@ -216,7 +218,7 @@ class TermEffect(Effect):
         """The law in its strong form; a jump is averaged over the step in time."""
         law = self.term()
         if isinstance(law, FrictionLaw) and not law.smooth:
-            value = law.averaged(state.q, state.q_dot, *_changes(state)).force
+            value = law.averaged(state.q, state.q_dot, *_changes(state), state.creep).force
         else:
             value = law.strong(state.q, state.q_dot, state.q_ddot)
         return np.atleast_2d(np.broadcast_to(value, state.q.shape))
@@ -226,7 +228,7 @@ class TermEffect(Effect):
         law, s = self.term(), strengths[0]
         q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
-            _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state))
+            _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state), state.creep)
             # What is about to be held would have no mass left; half of it is enough to go on.
             return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (

@@ -228,13 +228,29 @@ class FrictionLaw(ForceLaw):
         return f"tanh({q_dot}/{self.creep:g})" if self.creep else f"sign({q_dot})"
 
     def averaged(
-        self, q: Scalars, q_dot: Scalars, q_change: Scalars, q_dot_change: Scalars
+        self,
+        q: Scalars,
+        q_dot: Scalars,
+        q_change: Scalars,
+        q_dot_change: Scalars,
+        creep: float = 0.0,
     ) -> Averaged:
-        """The force where q and q_dot run from minus to plus their changes."""
-        sign, by_q_dot = mean_sign(q_dot, q_dot_change), mean_sign_slope(q_dot, q_dot_change)
+        """The force where q and q_dot run from minus to plus their changes.
+
+        With a ``creep`` velocity the slopes do not jump either: what is near the middle counts
+        more, on a line down to both ends, and where q_dot hardly changes, as in a stop, the force
+        turns round over this velocity.
+        """
         normal, by_q = self.normal(q, q_change), self.normal_dq(q, q_change)
-        turning = (by_q_dot > 0) & (q_dot_change != 0)
-        by_change = -sign / np.where(turning, q_dot_change, 1.0) * turning
+        if creep:
+            width = np.hypot(q_dot_change, creep)
+            place = np.clip(q_dot / width, -1.0, 1.0)
+            sign, by_q_dot = place * (2 - np.abs(place)), 2 * (1 - np.abs(place)) / width
+            by_change = -by_q_dot * place * q_dot_change / width
+        else:
+            sign, by_q_dot = mean_sign(q_dot, q_dot_change), mean_sign_slope(q_dot, q_dot_change)
+            turning = (by_q_dot > 0) & (q_dot_change != 0)
+            by_change = -sign / np.where(turning, q_dot_change, 1.0) * turning
         return Averaged(normal * sign, by_q * sign, normal * by_q_dot, normal * by_change)
 
 

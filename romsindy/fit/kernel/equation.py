@@ -19,14 +19,19 @@ from romsindy.physics.memory import Memory
 from romsindy.typing import Array
 
 _SMALL = 1e-6  # of the motion: a change by which derivatives are taken
+# Of the largest velocity, below which friction turns round smoothly under an input: where it holds
+# what an input pulls at, the velocity hardly changes over a step, and the force would jump.
+_CREEP = 7e-3
 
 
 def equation_of(
     model: Equations, parts: Sequence[Part], number: int, record: Prepared
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
-    step = record.motion.grid.step
-    return ExtendedEquation(model, tuple(parts), number, step, record.clock, inputs=record.inputs)
+    motion = record.motion
+    creep = tuple(_CREEP * record.driven * np.abs(motion.q_dot).max(axis=0))
+    given = (model, tuple(parts), number, motion.grid.step, record.clock)
+    return ExtendedEquation(*given, inputs=record.inputs, creep=creep)
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,7 @@ class ExtendedEquation:
     clock: float  # at the start of the record, s
     memories: tuple[Memory | None, ...] = ()  # of parts beside the model; none where it begins
     inputs: Mapping[str, SampledInput] | None = None  # that were measured
+    creep: tuple[float, ...] = ()  # velocity of each coordinate below which friction is smooth
 
     @cached_property
     def _beside(self) -> dict[int, Part]:
@@ -73,8 +79,9 @@ class ExtendedEquation:
     ) -> State:
         """What the effects on one coordinate take, (n,) each, from (n, R) states."""
         own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
-        rate = self.rates[coordinate]
-        return State(t, own[0], own[1], own[2], self.step, rate, None, self.clock, self.inputs)
+        rate, creep = self.rates[coordinate], self.creep[coordinate] if self.creep else 0.0
+        beside = (rate, None, self.clock, self.inputs, creep)
+        return State(t, own[0], own[1], own[2], self.step, *beside)
 
     def forces(self, effect: Effect, *motion: Array) -> Array | None:
         """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""

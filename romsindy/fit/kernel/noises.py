@@ -203,6 +203,11 @@ class NoiseTable:
         """The last column, (c n,)."""
         return np.concatenate([y[:, -1] for y in self.channels])
 
+    @property
+    def fitted(self) -> Array:
+        """The other columns, (c n, m - 1)."""
+        return np.concatenate([y[:, :-1] for y in self.channels])
+
     @cached_property
     def _crossed(self) -> list[_OneLag]:
         return [_OneLag.of(h, y) for h, y in zip(self.noises.shown, self.channels, strict=True)]

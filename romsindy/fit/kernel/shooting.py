@@ -8,7 +8,7 @@ on with motions that always do. It forgives outliers, and it settles where a str
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,8 +26,9 @@ from romsindy.fit.kernel.part import (
     held_values,
     limits,
     moved_parts,
+    prior_cost,
 )
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
 
@@ -133,6 +134,18 @@ def simulated(
     """
     problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
     return problem.simulate(problem.start), problem.residuals(problem.start)
+
+
+def resimulated(model: Equations, solution: Solution, records: Sequence[Prepared]) -> Solution:
+    """A solution with motions that satisfy its equation, from the initial states of its own.
+
+    Raises a TrajectoryError if there are none.
+    """
+    motions, left = simulated(model, solution.parts, records, solution.motions)
+    total = chi_squared_of(records, left) + prior_cost(solution.parts)
+    return replace(
+        solution, motions=tuple(motions), residuals=tuple(left), chi_squared=total, converged=True
+    )
 
 
 def simulated_misfit(

@@ -35,10 +35,9 @@ from romsindy.fit.kernel.part import (
     columns_of,
     limits,
     moved_parts,
-    prior_cost,
 )
-from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
-from romsindy.fit.kernel.shooting import simulated
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
 
@@ -74,23 +73,12 @@ def weighed(
     found = fit(model, parts, records, motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            found = _simulated(model, parts, records, motions)
+            ended = replace(solution, parts=parts, motions=motions)
+            found = resimulated(model, ended, records)
         except TrajectoryError:
             return None
     both = [_of_inputs(part, records, noises) for part in parts]
     return replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
-
-
-def _simulated(
-    model: Equations,
-    parts: tuple[Part, ...],
-    records: Sequence[Prepared],
-    motions: Sequence[Trajectory],
-) -> Solution:
-    """What simulations leave that start as these motions do, without forces that move them."""
-    own, left = simulated(model, parts, records, motions)
-    total = chi_squared_of(records, left) + prior_cost(parts)
-    return Solution(parts, tuple(own), tuple(left), total, np.zeros((0, 0)), True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
