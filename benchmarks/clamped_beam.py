@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from romsindy import HarmonicSINDy, ROMLibrary, load_decay, refine
-from romsindy.fit.coupled_identify import identify_coupled
+from romsindy.fit.coupled.identify import identify_coupled
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "cc_beam_bristol.npz"
 LAWS = {"inertia": (), "stiffness": (1, 3, 5), "damping": ("linear", "quadratic")}

@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import hilbert
 
 from romsindy import CoupledModel, Decay, identify, refine
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 
 KINDS = {"1:1": (1.04, 1.10), "1:2": (1.992, 2.008), "1:3": (2.99, 3.01), "none": (2.3, 2.7)}
 CYCLES, PER_CYCLE, STATE = 120, 20, 0.04  # of the slow coordinate, of the fast; part of a record

@@ -30,7 +30,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 import romsindy as rs
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 
 NOISES = ("ar1", "pink", "force", "hum")
 LACKING = ("gamma_3", "c_quadratic", "c_coulomb")

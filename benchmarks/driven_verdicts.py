@@ -23,7 +23,7 @@ from joblib import Parallel, delayed
 from scipy.signal import lfilter
 
 from romsindy import ForcedVibration, ReducedModel, refine
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 
 NOISES = ("white", "coloured", "force", "input")
 MISSING = ("gamma_3", "c_coulomb", "second mode")

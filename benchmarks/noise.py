@@ -20,8 +20,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter, sosfilt
 
 import romsindy as rs
-from romsindy.fit.adequacy import examine
-from romsindy.fit.record import Record
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.records.record import Record
 
 RATE, LENGTH, SETTLE = 300.0, 20.0, 3000
 # Orders of the fundamental: drift, beside it, at harmonics, between them, above the smooth motion.

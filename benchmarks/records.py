@@ -24,7 +24,7 @@ from known_beams import KnownDecay, cached
 from uncertainty import Row
 
 import romsindy as rs
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.signals import with_noise
 

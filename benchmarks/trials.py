@@ -15,7 +15,7 @@ from known_beams import KnownDecay
 from uncertainty import Row
 
 import romsindy as rs
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 
 MIDDLE = 0.6  # of the largest |q|: where the width of a band is read
 ROUNDING = -1e-9  # h below this is negative

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.show.page import Picture
 
 Cell = str | float | None

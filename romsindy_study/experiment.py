@@ -11,7 +11,8 @@ from romsindy.beam import Motion
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.record.smoothing import Butterworth
-from romsindy.regression.comparison import PAPER, WEIGHTED, Candidate
+from romsindy.regression.comparison import PAPER, WEIGHTED
+from romsindy.regression.judged import Judged
 from romsindy_study.models import identify
 
 MODES, SNR_DB, CUTOFF, END = 3, 35.0, 100.0, 18.0
@@ -28,7 +29,7 @@ class Trial:
     """
 
     seed: int
-    candidates: Mapping[str, Candidate]
+    candidates: Mapping[str, Judged]
 
 
 def measured_decay(motion: Motion, seed: int, snr_db: float | None = SNR_DB) -> Decay:

@@ -11,7 +11,7 @@ from sklearn.model_selection import GridSearchCV
 
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.regression.comparison import Candidate
+from romsindy.regression.judged import Judged
 from romsindy.show import beam as beam_plots
 from romsindy.show import plots
 from romsindy.show.axes import look, with_unit
@@ -54,9 +54,7 @@ def cycles(figure: Figure, system: System) -> None:
     plots.plot_damping(system.backbone, ax=right)
 
 
-def backbones(
-    figure: Figure, backbone: Backbone, panels: Mapping[str, Sequence[Candidate]]
-) -> None:
+def backbones(figure: Figure, backbone: Backbone, panels: Mapping[str, Sequence[Judged]]) -> None:
     """Backbones of models above, their errors below; one column a panel (figs. 6 to 10)."""
     axes = figure.subplots(2, len(panels), squeeze=False)
     for (title, candidates), (top, bottom) in zip(panels.items(), axes.T, strict=True):
@@ -66,7 +64,7 @@ def backbones(
         errors(bottom, backbone, candidates)
 
 
-def errors(ax: Axes, backbone: Backbone, candidates: Sequence[Candidate]) -> None:
+def errors(ax: Axes, backbone: Backbone, candidates: Sequence[Judged]) -> None:
     """Absolute relative frequency error of models against amplitude, %."""
     for i, c in enumerate(candidates):
         ax.plot(backbone.amplitude, 100 * np.abs(c.error), **look(i), lw=1.2)
@@ -74,7 +72,7 @@ def errors(ax: Axes, backbone: Backbone, candidates: Sequence[Candidate]) -> Non
     ax.grid(axis="y", color="0.9")
 
 
-def headline(figure: Figure, system: System, candidates: Sequence[Candidate]) -> None:
+def headline(figure: Figure, system: System, candidates: Sequence[Judged]) -> None:
     """Cycles and two models on the left, their errors on the right."""
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     names = {c.name.replace(" 5", ", order 5"): c.model for c in candidates}
@@ -83,14 +81,14 @@ def headline(figure: Figure, system: System, candidates: Sequence[Candidate]) ->
     errors(right, system.backbone, candidates)
 
 
-def relative_magnitude(figure: Figure, candidate: Candidate, backbone: Backbone) -> None:
+def relative_magnitude(figure: Figure, candidate: Judged, backbone: Backbone) -> None:
     """Rms of the terms relative to the acceleration (figs. 11 and 14)."""
     top = float(backbone.amplitude.max())
     amplitudes = np.linspace(0.02 * top, top, 120)
     plots.plot_relative_magnitude(candidate.model, amplitudes, ax=figure.subplots())
 
 
-def residuals(figure: Figure, recipes: Mapping[str, Sequence[Candidate]]) -> None:
+def residuals(figure: Figure, recipes: Mapping[str, Sequence[Judged]]) -> None:
     """Residual by harmonic of models of order 5, one panel a recipe."""
     axes = np.atleast_1d(figure.subplots(1, len(recipes), sharey=True))
     for ax, (title, candidates) in zip(axes, recipes.items(), strict=True):
@@ -116,7 +114,7 @@ def measurement(figure: Figure, clean: Decay, noisy: Decay, filtered: Decay) -> 
     axes[1].set_ylim(low - 0.2 * (high - low), high)
 
 
-def experiment_backbone(figure: Figure, noisy: Decay, candidates: Mapping[str, Candidate]) -> None:
+def experiment_backbone(figure: Figure, noisy: Decay, candidates: Mapping[str, Judged]) -> None:
     """Cycles of one noisy decay with the models identified from it (fig. 13)."""
     models = {name: c.model for name, c in candidates.items()}
     plots.plot_backbone(extract_backbone(noisy), models, ax=figure.subplots())
@@ -154,7 +152,7 @@ def parameter_spread(figure: Figure, system: System, trials: Sequence[Trial]) ->
         ax.set(title=label, ylabel="error (%)")
 
 
-def damping(figure: Figure, system: System, fits: Mapping[str, Candidate]) -> None:
+def damping(figure: Figure, system: System, fits: Mapping[str, Judged]) -> None:
     """Damping ratio of the cycles and of models with damping terms."""
     models = {name: c.model for name, c in fits.items() if name != "none"}
     ax = plots.plot_damping(system.backbone, models, ax=figure.subplots())

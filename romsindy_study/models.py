@@ -8,8 +8,9 @@ from typing import Any
 
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
-from romsindy.regression.comparison import PAPER, Candidate, regress
+from romsindy.regression.comparison import PAPER, regress
 from romsindy.regression.estimator import HarmonicSINDy
+from romsindy.regression.judged import Judged
 from romsindy.regression.library import (
     BeamTheoryLibrary,
     DampingLibrary,
@@ -54,7 +55,7 @@ def identify(
     recipe: HarmonicSINDy = PAPER,
     omega: float | None = None,
     damping: Sequence[str] = (),
-) -> Candidate:
+) -> Judged:
     """Identify one model of a `library` and hold its backbone against the extracted one.
 
     ``omega`` is a linear frequency that is known, rad/s; it is estimated by default.
@@ -66,7 +67,7 @@ def identify(
 
 def identify_all(
     decay: Decay, backbone: Backbone, omega: float, recipe: HarmonicSINDy = PAPER
-) -> Iterator[Candidate]:
+) -> Iterator[Judged]:
     """All families and orders, the linear frequency estimated and fixed to ``omega`` (rad/s)."""
     for family, order, known in itertools.product(FAMILIES, ORDERS, (None, omega)):
         yield identify(decay, backbone, family, order, recipe=recipe, omega=known)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.show.page import Image, Picture, write_page
 from romsindy_study.content import Chapter, Check, Table
 

@@ -9,13 +9,13 @@ import numpy as np
 from sklearn.model_selection import GridSearchCV
 
 from romsindy.physics.model import ReducedModel
-from romsindy.regression.comparison import Candidate
+from romsindy.regression.judged import Judged
 from romsindy_study.content import Cell, Table
 from romsindy_study.experiment import Trial
 from romsindy_study.models import FAMILIES, ORDERS
 from romsindy_study.system import System
 
-Fits = Mapping[str, Candidate]
+Fits = Mapping[str, Judged]
 
 
 def file_name(family: str) -> str:
@@ -133,7 +133,7 @@ def family_parameters(family: str, fits: Fits, system: System, note: str) -> Tab
     )
 
 
-def condition(candidate: Candidate) -> float:
+def condition(candidate: Judged) -> float:
     """Condition number of the regression's columns, scaled to rms 1."""
     theta = candidate.estimator.rows_.theta
     return float(np.linalg.cond(theta / np.sqrt(np.mean(theta**2, axis=0))))

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from romsindy.fit.coefficient import free_coefficients
-from romsindy.fit.equation import ExtendedEquation
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.part import free_coefficients
 
 # The paper's beam, an asymmetric IC-ROM fitted to order 5.
 ORDER_5 = {

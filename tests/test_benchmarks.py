@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.measured import small_frequencies
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.records.arguments import small_frequencies
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.record.ringing import tones_of
 from romsindy.regression.projection import HarmonicRows

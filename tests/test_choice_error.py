@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from romsindy.fit.choice_error import alternatives, mixed
-from romsindy.fit.selection import Gram, Trials
+from romsindy.fit.choice.choice_error import alternatives, mixed
+from romsindy.fit.choice.selection import Gram, Trials
 
 N = 600
 

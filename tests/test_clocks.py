@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.effects import CubicStiffness, Drift, SuddenChange
-from romsindy.fit.record import Record, scales
+from romsindy.fit.records.record import Record, scales
 
 OMEGA, LENGTH, RATE = 20.0, 12.0, 100.0
 MODEL = rs.ReducedModel.from_coefficients({"omega^2": OMEGA**2, "gamma_3": 30.0, "c_linear": 0.2})

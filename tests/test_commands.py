@@ -29,7 +29,7 @@ from romsindy.commands import main as main_module
 from romsindy.commands import measurement
 from romsindy.commands.identify import EXCLUDED
 from romsindy.commands.main import main
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.physics.example import EXAMPLE_MODEL
 
 

@@ -14,7 +14,7 @@ import romsindy as rs
 from romsindy.commands import analysis
 from romsindy.commands.identify import identify
 from romsindy.commands.main import main
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.physics.coupled import CoupledModel
 
 TRUTH = {

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands import analysis
 from romsindy.commands.main import main
-from romsindy.fit import predict as predict_module
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.results import predict as predict_module
 
 TRUTH = {"omega^2": 987.0, "c_linear": 0.8, "gamma_3": 2e4}
 GAIN = 3.0  # m/(s^2 N), or the participation factor

@@ -11,13 +11,8 @@ from romsindy import (
     example_decay,
     extract_backbone,
 )
-from romsindy.regression.comparison import (
-    WEIGHTED,
-    coefficient_table,
-    compare_models,
-    judge,
-    negative_inertia,
-)
+from romsindy.regression.comparison import WEIGHTED, compare_models
+from romsindy.regression.judged import coefficient_table, judge, negative_inertia
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import pytest
 from oracles import equation_of
 from scipy.linalg import block_diag, expm
 
-from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import nodes, respond, sampled, sensitivity
-from romsindy.fit.linear_steps import NODES, Equation, Linearisation, LinearSteps, inverse
+from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.linear_response import nodes, respond, sampled, sensitivity
+from romsindy.fit.kernel.linear_steps import NODES, Equation, Linearisation, LinearSteps, inverse
 from romsindy.physics.example import EXAMPLE_MODEL
 
 MASS = np.array([[2.0, 0.3], [0.3, 1.0]])

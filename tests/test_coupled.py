@@ -8,8 +8,8 @@ import pytest
 import sympy
 
 from romsindy import CoupledModel, EscapeError, ReducedModel, SingularInertiaError
-from romsindy.fit.coupled_terms import KINDS, candidates
-from romsindy.fit.followed_back import state_before
+from romsindy.effects.choices import KINDS, candidates
+from romsindy.fit.coupled.identify import state_before
 from romsindy.physics.coupling import Along, MixedDamping, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.stiffness import Stiffness

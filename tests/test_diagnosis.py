@@ -26,7 +26,7 @@ from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.screening import screen
 from romsindy.effects import AirDrag
 from romsindy.effects.outside import Hum
-from romsindy.fit.record import Record, scales
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 

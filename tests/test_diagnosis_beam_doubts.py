@@ -11,12 +11,13 @@ import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
 from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.defect import beam_with, calm_from, read_release
+from romsindy.diagnosis.on_beam.defect import calm_from, read_release
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.parameters import parameter_effects, points, standard_deviations
 from romsindy.diagnosis.on_beam.place import Latitude, find_place
 from romsindy.diagnosis.on_beam.within_tolerances import (
     adjusted,
+    beam_with,
     directions,
     in_words,
     position_error,
@@ -24,8 +25,8 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 from romsindy.diagnosis.on_beam.workflow import calibrated
 from romsindy.effects import AtPoint, Damper
 from romsindy.effects.base import Scales
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.record.signals import with_noise
 
 PLACES = (0.12, 0.2, 0.28, 0.36, 0.45)

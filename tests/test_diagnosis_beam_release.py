@@ -8,7 +8,8 @@ import pytest
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, Section, Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.defect import effects_of, read_release
+from romsindy.diagnosis.on_beam.defect import read_release
+from romsindy.diagnosis.on_beam.within_tolerances import effects_of
 from romsindy.effects import AtPoint, Damper, PointMass
 from romsindy.record.signals import with_noise
 

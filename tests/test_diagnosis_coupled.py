@@ -12,11 +12,10 @@ from romsindy.commands.main import main
 from romsindy.diagnosis import CoupledDiagnosis
 from romsindy.diagnosis.residual_workflow import linear_values
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Hysteretic, QuinticStiffness
-from romsindy.fit.coefficient import Coefficient, OnCoordinate
-from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.collocation import Grid, Trajectory
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part
 
 W1, W2 = 2 * np.pi * 5.0, 2 * np.pi * 13.4
 C1, C2, G1, G2, K = 0.35, 0.8, 40.0, -900.0, 250.0

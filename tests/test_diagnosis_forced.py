@@ -12,9 +12,9 @@ from romsindy.diagnosis import ForcedReport
 from romsindy.diagnosis.arguments import checked_driven
 from romsindy.diagnosis.noise_of_best import ByNoises, NoiseOfBest
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.part import Part
-from romsindy.fit.shooting import resimulated
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0

@@ -9,7 +9,7 @@ import romsindy as rs
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.gap import HELD_OUT, Gap, Prediction
-from romsindy.fit.record import Record
+from romsindy.fit.records.record import Record
 from romsindy.record.smoothing import Cycles
 
 T = np.arange(0, 20, 0.0025)

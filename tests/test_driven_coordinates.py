@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.effects.drive import DriveAlong
-from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.forced.modes import modes_near, modes_of
-from romsindy.fit.forced.sampled import Sampled
-from romsindy.fit.part import Part
-from romsindy.fit.small_vibrations import small_vibrations
+from romsindy.fit.kernel.collocation import Grid, Trajectory
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.driven import Sampled
+from romsindy.fit.records.modes import modes_near, modes_of
+from romsindy.fit.results.small_vibrations import small_vibrations
 from romsindy.physics.coupling import Along, MixedStiffness
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
@@ -113,7 +113,7 @@ def test_two_channels_give_back_both_equations(fitted):
     delay, error = fitted.delays["force"]
     assert abs(delay) < 4 * error < 0.02 * DT
     assert fitted.verdict.explained and "explains the record" in str(fitted)
-    assert small_vibrations(fitted)[1].coordinate == 2
+    assert small_vibrations(fitted, fitted.records)[1].coordinate == 2
 
 
 def test_the_verdict_names_the_coupling_that_is_missing(fitted):

@@ -19,10 +19,10 @@ from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
 from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.process_noise import Marginal, Windows
-from romsindy.fit.record import Record, scales
+from romsindy.fit.records.record import Record, scales
 
 OMEGA, ZETA = 2 * np.pi * 5, 0.005
 DECAY = 2 * ZETA * OMEGA

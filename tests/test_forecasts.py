@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.form import KNOWN, grown, normal_draws, scatter
-from romsindy.fit.friction import free_parts
-from romsindy.fit.measured import prepared
-from romsindy.fit.process_noise import Windows
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.process_noise import KNOWN, Windows, grown, normal_draws, scatter
+from romsindy.fit.records.measured import prepared
 from romsindy.physics.stiffness import Stiffness
 
 OMEGA = 20.0

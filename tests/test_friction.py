@@ -10,10 +10,10 @@ import pytest
 import romsindy as rs
 from romsindy.effects import DryFriction
 from romsindy.effects.base import State, TimedEffect
-from romsindy.fit.collocation import Grid, TrajectoryError, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.collocation import Grid, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part
 
 VALUES = {"omega^2": 900.0, "gamma_3": 100.0, "c_linear": 0.18}
 MODEL = rs.ReducedModel.from_coefficients(VALUES)

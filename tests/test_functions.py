@@ -12,11 +12,11 @@ from scipy.stats import multivariate_normal
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
-from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.posterior import _inside, _positive, draw
+from romsindy.fit.functions.prior import lifted, nearest
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
-from romsindy.fit.measured import prepared
+from romsindy.fit.records.measured import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
 
@@ -237,7 +237,7 @@ def test_a_motion_beyond_all_numbers_is_refused_in_words():
     found = evidence.fit(equation, windows_of(records), records, none)
     (record,) = found.records
     whole = Window(0, np.arange(len(record.t)), record.motion)
-    with pytest.raises(rs.fit.collocation.TrajectoryError, match="one coordinate follows"):
+    with pytest.raises(rs.fit.kernel.collocation.TrajectoryError, match="one coordinate follows"):
         evidence.fit(steep, [whole], [record], none, start=found, noise=1.0)
 
 
@@ -480,7 +480,7 @@ def test_a_size_of_which_no_power_is_a_number_is_refused():
 
 def test_two_structures_in_one_fit_are_refused():
     other = decay(STIFF | {"omega^2": 3000.0}, seconds=4.0, seed=2)
-    with pytest.raises(rs.fit.collocation.TrajectoryError, match="different structures"):
+    with pytest.raises(rs.fit.kernel.collocation.TrajectoryError, match="different structures"):
         rs.identify([decay(STIFF, seconds=4.0), other])
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from romsindy.fit.linear_steps import NODES
+from romsindy.fit.kernel.linear_steps import NODES
 from romsindy.record.interpolation import interpolated, of_steps
 
 RNG = np.random.default_rng(8)

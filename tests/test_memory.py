@@ -17,13 +17,12 @@ from romsindy.effects import (
     Viscoelastic,
 )
 from romsindy.effects.base import Scales, State
-from romsindy.fit.collocation import Grid, integrate
-from romsindy.fit.equation import ExtendedEquation, equation_of
-from romsindy.fit.friction import free_parts
-from romsindy.fit.gauss_newton import moved_parts
-from romsindy.fit.linear_response import nodes, sensitivity
-from romsindy.fit.measured import prepared
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.collocation import Grid, integrate
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.kernel.linear_response import nodes, sensitivity
+from romsindy.fit.kernel.part import Part, moved_parts
+from romsindy.fit.records.measured import prepared
 from romsindy.fit.verdict import PREDICTED
 from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.input import Input

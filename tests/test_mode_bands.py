@@ -8,7 +8,7 @@ import test_coupled_orbits as by_hand
 from test_estimate import BY_HAND
 
 import romsindy as rs
-from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_coulomb": 0.02}
 SECOND = {"omega^2": 150.0, "gamma_3": 20.0, "c_linear": 0.3, "c_quadratic": 0.2}

@@ -8,12 +8,13 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import romsindy as rs
-from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.coupled_terms import linear_model
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.forced.modes import Modes
-from romsindy.fit.forced.record import ForcedRecord, driven_record
-from romsindy.fit.noises import Noises, TwoNoises, found_noises, steady
+from romsindy.fit.kernel.collocation import Grid, Trajectory
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.noises import Noises, TwoNoises, found_noises, steady
+from romsindy.fit.records.coupled import driven_record
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.modes import Modes
+from romsindy.physics.coupled import linear_model
 
 OMEGA, ZETA, PER_CYCLE = 2 * np.pi * 3.0, 0.02, 16
 DT = 2 * np.pi / OMEGA / PER_CYCLE

@@ -14,7 +14,7 @@ from romsindy import ReducedModel, save_decay
 from romsindy.commands import results
 from romsindy.commands.main import main
 from romsindy.commands.outputs import Output, WritingCommand
-from romsindy.record.files.whole import whole, write_whole
+from romsindy.record.files.save import whole, write_whole
 from romsindy.show.page import Picture
 
 COMMANDS = {name: main.get_command(None, name) for name in main.list_commands(None)}

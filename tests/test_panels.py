@@ -10,9 +10,8 @@ from romsindy.record.noise import Noise
 from romsindy.record.spectrum import Spectrum
 from romsindy.show import panels
 from romsindy.show.compared import Compared, draw_over_time, noise_density, spectrum_of
-from romsindy.show.identified import Identified
+from romsindy.show.identified import Identified, tables
 from romsindy.show.page import Picture
-from romsindy.show.tables import tables
 
 T = np.arange(0, 8, 0.01)
 PAIR = {"omega^2 [q1]": 987.0, "c_linear [q1]": 0.6, "omega^2 [q2]": 6000.0}

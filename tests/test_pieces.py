@@ -10,14 +10,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from romsindy import CoupledModel, Decay, identify
-from romsindy.fit.coefficient import free_coefficients
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_record import coupled_records, free_shapes
-from romsindy.fit.fitted import refined
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.mode_shape import CurvedShape
-from romsindy.fit.pieces import fit_pieces, lengths
-from romsindy.fit.small_vibrations import small_vibrations
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import free_coefficients
+from romsindy.fit.kernel.pieces import fit_pieces, lengths
+from romsindy.fit.records.coupled import coupled_records, free_shapes
+from romsindy.fit.records.mode_shape import CurvedShape
+from romsindy.fit.results.fitted import refined
+from romsindy.fit.results.small_vibrations import small_vibrations
 from romsindy.show.identified import Identified
 from romsindy.show.panels import over_time
 
@@ -104,7 +104,7 @@ def test_a_report_of_pieces_says_so(record):
         for records in ([record], record.pieces(3))
     )
     assert len(pieces.records) == 3
-    one, three = small_vibrations(whole), small_vibrations(pieces)
+    one, three = small_vibrations(whole, whole.records), small_vibrations(pieces, pieces.records)
     for a, b in zip(one, three, strict=True):
         np.testing.assert_array_equal(a.measured_amplitude, b.measured_amplitude)
     said = [

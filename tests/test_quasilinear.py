@@ -5,8 +5,8 @@ import pytest
 from oracles import equation_of
 
 import romsindy as rs
-from romsindy.fit.collocation import Grid, Trajectory, integrate
-from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.kernel.collocation import Grid, Trajectory, integrate
+from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 
 MODEL = rs.ReducedModel.from_coefficients(
     {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.06}

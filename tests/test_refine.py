@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import romsindy as rs
-from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.refine import refine
 from romsindy.physics.example import EXAMPLE_MODEL
 

@@ -17,8 +17,8 @@ from romsindy.diagnosis.search import Options, unsure_parts, with_whole_exponent
 from romsindy.diagnosis.workflow import other_values, without_effects
 from romsindy.effects import CATALOGUE, AirDrag, Bias, CubicStiffness, Gain, Viscous
 from romsindy.effects.outside import SensorNonlinearity
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record, scales
 
 SMALL = [e for e in CATALOGUE if e.name in ("quadratic_drag", "dry_friction", "bias", "gain")]
 # What the weakest effects of the trials change is ten times this.

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from romsindy.effects.choices import PLACES, sought
-from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.dragged import dragged
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.friction import smoothed
-from romsindy.fit.selection import Gram, Trials
-from romsindy.fit.signs import massless, stand_ins
+from romsindy.fit.choice.selection import Gram, Trials, dragged
+from romsindy.fit.kernel.collocation import Grid, Trajectory
+from romsindy.fit.kernel.hypothesis import smoothed
+from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.results.signs import massless, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.functions.sensor import SensorCurvature, curvature_for
+from romsindy.fit.functions.series import SensorCurvature, curvature_for
 from romsindy.physics.example import add_noise
 
 

@@ -11,7 +11,7 @@ from test_interpolation import SAMPLES, WEIGHTS
 
 import romsindy as rs
 from romsindy.effects import AirDrag, CubicStiffness, Viscous
-from romsindy.fit.linear_steps import NODES
+from romsindy.fit.kernel.linear_steps import NODES
 from romsindy.physics.equations import gain_of
 from romsindy.physics.input import Input
 from romsindy.record.interpolation import interpolated, of_steps

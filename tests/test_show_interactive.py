@@ -21,8 +21,7 @@ from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.show import diagnosis_plots, plots
 from romsindy.show.axes import Fact, tell
 from romsindy.show.interactive import curves, translated
-from romsindy.show.overview import write_overview
-from romsindy.show.page import Picture
+from romsindy.show.page import Picture, write_overview
 from romsindy.show.traces import words
 from romsindy_study.content import Chapter
 from romsindy_study.pages import write_chapter, write_story

@@ -19,9 +19,8 @@ from romsindy import (
     forced_response,
 )
 from romsindy.effects import AirDrag
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.functions.series import Sizes
-from romsindy.fit.functions.structures import Structure
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.functions.series import Sizes, Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots

@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import romsindy as rs
-from romsindy.fit.collocation import Grid, TrajectoryError, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import sensitivity
+from romsindy.fit.kernel.collocation import Grid, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.linear_response import sensitivity
 from romsindy.physics.example import EXAMPLE_MODEL
 
 

@@ -12,8 +12,8 @@ from scipy.stats import binom
 
 import romsindy as rs
 from romsindy.fit import verdict
-from romsindy.fit.adequacy import examine
-from romsindy.fit.record import Record
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.records.record import Record
 
 T = np.arange(0, 40, 0.01)
 CLEAN = rs.ReducedModel.from_coefficients(

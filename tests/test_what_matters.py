@@ -16,7 +16,7 @@ from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.tolerance_sources import of_repeats, stated
 from romsindy.diagnosis.words import odds
-from romsindy.fit.record import Record
+from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.text import percent
 

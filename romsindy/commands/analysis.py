@@ -9,23 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.identify import identify
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import Butterworth
-from romsindy.regression.comparison import (
-    PAPER,
-    WEIGHTED,
-    Candidate,
-    Judged,
-    compare_models,
-    judge,
-)
-from romsindy.show.beside import Beside
+from romsindy.regression.comparison import PAPER, WEIGHTED, compare_models
+from romsindy.regression.judged import Beside, Judged, judge
 from romsindy.show.identified import Identified
 from romsindy.text import bar
 
@@ -142,7 +135,7 @@ def identified(title: str, decays: Sequence[Decay], picked: str, asked: Asked) -
 
 def _regressions(
     decays: Sequence[Decay], backbone: Backbone, *choices: Any
-) -> tuple[dict[str, Candidate], Exception | None]:
+) -> tuple[dict[str, Judged], Exception | None]:
     """The four regressions by name; or none, and why."""
     with bar(None, "making the regressions"):
         try:
@@ -201,7 +194,7 @@ def _below(decay: Decay, share: float) -> Decay | None:
     return decay.between(start=float(backbone.t[left[0]]))
 
 
-def _beside(four: Mapping[str, Candidate], fixed: bool) -> list[Candidate]:
+def _beside(four: Mapping[str, Judged], fixed: bool) -> list[Judged]:
     """Regressions to be held against an identification, where there are any."""
     if not four:
         return []

@@ -25,7 +25,7 @@ from romsindy.commands.outputs import (
 )
 from romsindy.commands.results import HEADER, Refused, Result
 from romsindy.physics.term_sum import json_text
-from romsindy.show.overview import write_overview
+from romsindy.show.page import write_overview
 from romsindy.text import aligned, as_options, at_most, bar
 
 Job = Callable[[Path | None, Path], Result]

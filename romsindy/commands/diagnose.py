@@ -14,15 +14,16 @@ from typing import Any
 import click
 import numpy as np
 
-from romsindy.beam import load_beam
-from romsindy.commands.inputs import Inputs, input_options
+from romsindy.beam.beam_file import load_beam
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.commands.options import (
     INPUTS,
     READING,
+    Inputs,
     estimate_of,
     full_option,
+    input_options,
     interactive_option,
     model_of,
     reading_options,
@@ -41,10 +42,9 @@ from romsindy.commands.outputs import (
 from romsindy.diagnosis.diagnose import diagnose as run_diagnosis
 from romsindy.diagnosis.difference import KINDS
 from romsindy.diagnosis.on_beam.report import BeamReport
-from romsindy.fit.estimate import Estimate
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
-from romsindy.physics.coupled import AnyModel
-from romsindy.physics.equations import inputs_of
+from romsindy.physics.equations import Equations, inputs_of
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -282,14 +282,14 @@ def _run(
             raise ValueError(_on_command_line(str(error), names)) from error
 
 
-def _model(path: Path) -> AnyModel | Estimate:
+def _model(path: Path) -> Equations | Estimate:
     """A model, with what is known of it if the file says so."""
     text = text_of(path)
     with named(f"{path}"):
         return estimate_of(text) or model_of(text)
 
 
-def _equation(simulation: AnyModel | Estimate) -> AnyModel:
+def _equation(simulation: Equations | Estimate) -> Equations:
     """The equations of a model, without what else is known of it."""
     return simulation.model if isinstance(simulation, Estimate) else simulation
 
@@ -301,7 +301,7 @@ def _series(path: Path, unit: str | None) -> Decay:
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
-def _note_inputs(simulation: AnyModel | Estimate) -> None:
+def _note_inputs(simulation: Equations | Estimate) -> None:
     """Say that inputs of a model stand still in records that are taken for free decays."""
     for term in inputs_of(_equation(simulation)):
         kind = term.source.split()[0]

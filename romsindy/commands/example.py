@@ -10,11 +10,11 @@ import click
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from romsindy.beam import load_beam
+from romsindy.beam.beam_file import load_beam
 from romsindy.effects import AirDrag
 from romsindy.orbits.curves import forced_response
 from romsindy.physics.model import ReducedModel
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.record.signals import with_noise
 from romsindy.typing import Array
 

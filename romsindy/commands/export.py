@@ -12,7 +12,7 @@ from romsindy.commands.options import estimate_of, model_of, text_of
 from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.fit.functions.identification import Identification
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.export import python_script
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import read_json
@@ -63,7 +63,7 @@ def export(file: Path, language: str, output: Path, short: bool, name: str | Non
     write_text(output, code + mark)
 
 
-def _code(model: AnyModel, language: str, name: str) -> str:
+def _code(model: Equations, language: str, name: str) -> str:
     if language == "text":
         return str(model)
     if language == "sympy":
@@ -72,7 +72,7 @@ def _code(model: AnyModel, language: str, name: str) -> str:
     return model.to_matlab(name) if language == "matlab" else model.to_c(name)
 
 
-def _model(text: str) -> AnyModel:
+def _model(text: str) -> Equations:
     """The model of a file, also of a diagnosis.
 
     Raises a ValueError if the text holds no model, or a diagnosis whose model lacks what it found.

@@ -12,23 +12,25 @@ import click
 
 from romsindy.commands.analysis import USUAL, Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
-from romsindy.commands.inputs import PARTS, Inputs, input_options
 from romsindy.commands.measurement import Selection, inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import (
     FILE,
     INPUTS,
+    PARTS,
     READING,
+    Inputs,
     damping_option,
     fix_option,
     grouped,
+    input_options,
     reading_options,
     refuse_beside,
 )
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import Result
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.forced.held_out import HeldOut, without_end
-from romsindy.fit.forced.terms import stiffness_to
+from romsindy.fit.forced.identify import stiffness_to
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.results.held_out import HeldOut, without_end
 from romsindy.fit.verdict import CURVATURE
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together

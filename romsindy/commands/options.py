@@ -1,28 +1,40 @@
-"""Options that several commands share: how files are read, and where results go."""
+"""Options that several commands share: how files are read, what drives them, where results go."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
-from romsindy.physics.coupled import AnyModel, model_from_json
+from romsindy.fit.results.estimate import Estimate
+from romsindy.physics.coupled import model_from_json
 from romsindy.physics.damping import DAMPING
+from romsindy.physics.equations import Equations
 from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import table
-from romsindy.record.files import load_recording
+from romsindy.record.files import load_forced, load_recording
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.record.recording import QUANTITIES, Recording
 
 FILE = click.Path(path_type=Path)
 # Options of the reading of a file and of measured inputs, for the headings of --help.
 READING = "--unit --quantity --column --time --rate --start --end"
 INPUTS = "--input --input-column --unit-input --interpolation"
+full_option = click.option(
+    "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
+)
+# Options that choose a part of a free decay, and what to do without them.
+PARTS = dict.fromkeys(
+    ("mode", "band", "release"), "the whole record is taken; cut it with --start and --end"
+)
+_ALONE = ("input-column", "unit-input", "interpolation")
 
 
 def grouped(*options: Callable) -> Callable[[Callable], Callable]:
@@ -126,11 +138,6 @@ def damping_option(usual: Sequence[str], words: str) -> Callable:
     )
 
 
-full_option = click.option(
-    "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
-)
-
-
 def read(file: Path, reading: Mapping[str, Any]) -> Recording:
     """What sensors gave, from a file."""
     columns = list(reading["column"]) or None
@@ -171,7 +178,7 @@ def given(names: Iterable[str]) -> list[str]:
     return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
 
 
-def model_of(text: str) -> AnyModel:
+def model_of(text: str) -> Equations:
     """The model in a JSON text, as commands take it: one that vibrates about its rest.
 
     Raises a ValueError if it is none, or pushed away from its rest.
@@ -208,3 +215,79 @@ def text_of(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8: name another file, or save it so") from error
+
+
+# The options with which the inputs of a record are read.
+input_options = grouped(
+    click.option(
+        "--input",
+        "inputs",
+        multiple=True,
+        type=click.Choice(["force", "base"]),
+        help="The record is driven by a measured force, or by the acceleration of its base; may be"
+        " repeated.",
+    ),
+    click.option(
+        "--input-column",
+        multiple=True,
+        help="Name of the column of each input.  [default: as names and units of columns say]",
+    ),
+    click.option(
+        "--unit-input",
+        multiple=True,
+        help='Unit of each input, or of all: "N", "kN", "lbf", "m/s^2", "g", "V", ...',
+    ),
+    click.option(
+        "--interpolation",
+        type=click.Choice(["auto", *INTERPOLATIONS]),
+        default="auto",
+        callback=lambda _, __, value: None if value == "auto" else value,
+        show_default=True,
+        help="What inputs do between their samples; auto lets the record decide.",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the command line says of inputs; see `romsindy identify --help`."""
+
+    inputs: tuple[str, ...]
+    input_column: tuple[str, ...]
+    unit_input: tuple[str, ...]
+    interpolation: Interpolation | None
+
+    def check(self, decays: Mapping[str, str], driven: Sequence[str] = ()) -> None:
+        """Refuse options for free decays alone, what to do without each, and for driven records.
+
+        Raises a UsageError if there are such.
+        """
+        if self.inputs:
+            refuse_beside("input", "free decays", {**PARTS, **decays})
+        else:
+            self.refuse_alone(driven)
+
+    def refuse_alone(self, driven: Sequence[str] = ()) -> None:
+        """Refuse options of inputs, and further ones, where there are no inputs."""
+        for name in () if self.inputs else given((*_ALONE, *driven)):
+            raise click.UsageError(
+                f"--{name} is for records with inputs: say --input force or --input base, or leave"
+                f" out --{name}"
+            )
+
+    def load(self, file: Path, reading: Mapping[str, Any]) -> ForcedVibration:
+        """The record in a file.
+
+        Raises a ValueError if the file cannot be understood, or does not hold these inputs.
+        """
+        counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
+        pairs = zip(self.inputs, counts, strict=True)
+        names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
+        return load_forced(
+            file,
+            names,
+            input_column=self.input_column or None,
+            input_unit=self.unit_input or None,
+            interpolation=self.interpolation,
+            **{**reading, "column": list(reading["column"]) or None},
+        )

@@ -19,7 +19,7 @@ import click
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import HeadedCommand
-from romsindy.record.files.whole import is_stream, write_whole
+from romsindy.record.files.save import is_stream, write_whole
 
 # What a file holds that the same option of the same command wrote.
 PAGE = '<meta name="generator" content="romsindy {command}">'

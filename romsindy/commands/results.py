@@ -11,13 +11,12 @@ import click
 import numpy as np
 
 from romsindy.commands.outputs import writing
-from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.orbits.curves import BackboneCurve
-from romsindy.physics.coupled import AnyModel
-from romsindy.show.identified import Identified
+from romsindy.physics.equations import Equations
+from romsindy.show.identified import Identified, coefficients, few_tables, more_tables
 from romsindy.show.page import Picture
 from romsindy.show.panels import pictures, write_result
-from romsindy.show.tables import coefficients, few_tables, more_tables
 from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
@@ -103,7 +102,7 @@ class Result:
         return self.report.found
 
     @property
-    def model(self) -> AnyModel:
+    def model(self) -> Equations:
         """The equation that is printed."""
         return self.report.model
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
+from romsindy.beam.beam import Beam
+from romsindy.beam.motion import Motion, SensorArray, StepTooLongError
 from romsindy.commands.outputs import Output, WritingCommand, told, writing
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 
 _UNIT = "kg^0.5 m"
 _MARK = f"t [s],q [{_UNIT}],"  # how a CSV begins; an NPZ holds it too

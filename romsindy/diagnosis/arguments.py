@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import (
     ABOVE_NOISE,
     EXPLAINED,
@@ -29,18 +29,16 @@ from romsindy.fit.verdict import (
     REVERSED_IS_NO_WORSE,
     SHARED,
 )
-from romsindy.physics.coupled import AnyModel
-from romsindy.physics.equations import inputs_of
+from romsindy.physics.equations import Equations, inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Given
 from romsindy.record.signals import rest_level
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
 from romsindy.text import listed, quantity
 from romsindy.typing import Array
-
-Kind = TypeVar("Kind")
 
 # What a model is unsure of, where nothing else is said.
 FREE = ("omega^2", "c_linear")
@@ -52,25 +50,16 @@ _WHOLE = (int, np.integer)
 _NUMBER = (*_WHOLE, float, np.floating)
 
 
-def decays_of(name: str, given: object) -> list[Decay]:
+def decays_of(name: str, argument: object) -> list[Decay]:
     """One decay or several, as a list; other things are refused by the name of the argument."""
-    several = [given] if isinstance(given, Decay) else given
-    if not isinstance(several, Iterable) or isinstance(several, (str, bytes)):
-        raise ValueError(f"{name} = {given!r} must be a Decay, or several of them in a list")
-    decays, others = _of_kind(list(several), Decay)
-    if others:
+    given = Given.of(argument)
+    for wrong in (*given.others, *given.driven):
+        if wrong is argument and given.others:
+            raise ValueError(f"{name} = {wrong!r} must be a Decay, or several of them in a list")
         raise ValueError(
-            f"{name} holds a {type(others[0]).__name__}: give Decay objects, as load_decay reads"
-            " them"
+            f"{name} holds a {type(wrong).__name__}: give Decay objects, as load_decay reads them"
         )
-    return decays
-
-
-def _of_kind(given: object, kind: type[Kind]) -> tuple[list[Kind], list[object]]:
-    """Records of a kind, of several or one, and what else there is."""
-    several = list(given) if isinstance(given, (list, tuple)) else [given]
-    others = [v for v in several if not isinstance(v, kind)]
-    return [v for v in several if isinstance(v, kind)], others
+    return given.decays
 
 
 def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: int) -> None:
@@ -86,7 +75,7 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
 
 
 def check_request(
-    model: AnyModel,
+    model: Equations,
     measured: Sequence[Decay] | Sequence[ForcedVibration],
     held_out: Decay | ForcedVibration | None,
     free: Sequence[str | Effect],
@@ -146,22 +135,19 @@ def forced_alone(measured: object) -> list[ForcedVibration]:
 
     Raises a ValueError for decays among them.
     """
-    driven, others = _of_kind(measured, ForcedVibration)
-    if driven and others:
+    given = Given.of(measured)
+    if 0 < len(given.driven) < len(given.several):
         raise ValueError(
             "measured holds forced vibrations and others: diagnose decays, and forced vibrations,"
             " one kind at a time"
         )
-    return driven
+    return given.driven
 
 
 def refuse_beside(what: str, instead: str, **given: object) -> None:
     """Refuse arguments that do not go with something, and say what to do instead.
 
-    Raises
-    ------
-    ValueError
-        By the name of the argument.
+    Raises a ValueError by the name of the argument.
     """
     strange = [name for name, value in given.items() if value is not None]
     if strange:
@@ -173,16 +159,16 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
 
     Raises a ValueError for decays, and for anything else.
     """
-    found, others = _of_kind(given, ForcedVibration)
-    if others:
+    found = Given.of(given)
+    for wrong in (*found.others, *found.decays):
         raise ValueError(
-            f"{name} = a {type(others[0]).__name__} does not go with forced vibrations: give a"
+            f"{name} = a {type(wrong).__name__} does not go with forced vibrations: give a"
             " ForcedVibration, with its inputs"
         )
-    return found
+    return found.driven
 
 
-def reduced(model: AnyModel | Beam) -> ReducedModel:
+def reduced(model: Equations | Beam) -> ReducedModel:
     """The model, if it is one that driven records can be compared with.
 
     Raises a ValueError for a Beam, and for several coordinates.

@@ -15,12 +15,13 @@ from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
-from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
-from romsindy.fit.shooting import shoot
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part, Solution
+from romsindy.fit.kernel.shooting import shoot
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from romsindy.beam import Beam, SensorArray, Shape
+from romsindy.beam.beam import Beam
+from romsindy.beam.equilibrium import Shape
+from romsindy.beam.motion import SensorArray
 from romsindy.diagnosis.arguments import (
     FREE,
     check_numbers,
@@ -40,14 +42,13 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.effects.choices import sought
-from romsindy.fit.coefficient import Coefficient, extended
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.fitted import Fit
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Coefficient, Part, Solution, extended
+from romsindy.fit.records.record import Record, scales
+from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ONE_MODE, SAME_SIGNAL
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -55,6 +56,7 @@ from romsindy.physics.term import Term
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Measurement
 
 
 def diagnose(
@@ -160,7 +162,7 @@ def diagnose(
     check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
-    if isinstance(model, Decay):
+    if isinstance(model, Measurement) and not model.driven:
         if driven:
             raise ValueError("model is a Decay, which has no input: give the equation instead")
         known = model_of_simulation(model)
@@ -178,8 +180,9 @@ def diagnose(
         refuse_beside("forced vibrations", "diagnose decays", **without)
         values = (FREE if free is None else free, near)
         return _of_driven(simulation, driven, held_out, repeats, values, options)
-    if held_out is not None and not isinstance(held_out, Decay):
+    if held_out is not None and (not isinstance(held_out, Measurement) or held_out.driven):
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
+    aside = cast(Decay | None, held_out)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
     if isinstance(simulation, Beam):
@@ -189,7 +192,7 @@ def diagnose(
                 " sensors=beam.sensors([0.2, 0.45])"
             )
         options = _with_runs_of_sensors(options, simulation, sensors, again)
-        given_too = (sensors, held_out, release, free or (), near, options, references)
+        given_too = (sensors, aside, release, free or (), near, options, references)
         return diagnose_beam(simulation, several, *given_too)
     if simulation.n_coordinates > 1:
         refuse_beside("a model of several coordinates", "model one coordinate", **without)
@@ -198,7 +201,7 @@ def diagnose(
         if again is not None:
             options = options.tolerating(of_coupled_repeats(simulation, again, options))
         unsure = FREE if free is None else free
-        return diagnose_coupled(simulation, several, held_out, unsure, near, options)
+        return diagnose_coupled(simulation, several, aside, unsure, near, options)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:
@@ -210,7 +213,7 @@ def diagnose(
             options = options.tolerating(of_estimate(model, _largest(simulation, several)))
         references += model.decays if isinstance(model, Fit) else ()
     values = (FREE if free is None else free, near)
-    return _of_decays(simulation, several, held_out, references, values, options)
+    return _of_decays(simulation, several, aside, references, values, options)
 
 
 _Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
@@ -229,7 +232,7 @@ def _silent(_: str) -> None:
 
 
 def _of_driven(
-    simulation: AnyModel | Beam,
+    simulation: Equations | Beam,
     measured: Sequence[ForcedVibration],
     held_out: object,
     repeats: object,

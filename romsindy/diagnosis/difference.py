@@ -21,7 +21,7 @@ from scipy.signal import savgol_filter
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from romsindy.fit.record import Record
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import (
     LEAST_CYCLES,
     QUIET,

@@ -26,13 +26,13 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect
 from romsindy.effects.drive import InputDistortion
 from romsindy.effects.outside import Bias, Gain, SensorNonlinearity
-from romsindy.fit.adequacy import examine_white
-from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts
-from romsindy.fit.measured import free_offsets
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, prior_cost
+from romsindy.fit.adequacy.decays import examine_white
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, Solution, limits, moved_parts, prior_cost
 from romsindy.fit.process_noise import Departures, Marginal
-from romsindy.fit.record import Record, scales
+from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import KNOWN_CURVATURE, KNOWN_GAIN, NAMED_ABOVE, RARER
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -155,10 +155,7 @@ class FormError:
         floor : float
             Least noise, as a part of the largest amplitude.
 
-        Raises
-        ------
-        ValueError
-            If the model has no motion near the record.
+        Raises a ValueError if the model has no motion near the record.
         """
         records = [Record.loud(reference, floor)]
         parts = [Part.of(e, scales(records), 1) for e in (LinearFrequency(), Viscous())]

@@ -9,10 +9,9 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
-from romsindy.fit.coefficient import Coefficient
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.verdict import NAMED_ABOVE
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _STRENGTH = "strength"
@@ -77,7 +76,7 @@ def effects_of(
     hypothesis: Hypothesis,
     rivals: Sequence[Hypothesis],
     ratio: float,
-    model: AnyModel,
+    model: Equations,
     which: Sequence[int] | None = None,
 ) -> tuple[FoundEffect, ...]:
     """Some parts of a hypothesis; by default what it says is missing, `Hypothesis.blamed`.
@@ -89,7 +88,7 @@ def effects_of(
 
 
 def of_the_measurement(
-    hypothesis: Hypothesis, ratio: float, model: AnyModel
+    hypothesis: Hypothesis, ratio: float, model: Equations
 ) -> tuple[FoundEffect, ...]:
     """What the measurement surely adds, of what it may add without being wrong."""
     told = effects_of(hypothesis, [hypothesis], ratio, model, hypothesis.of_measurement)
@@ -114,7 +113,7 @@ def _effect(
     index: int,
     rivals: Sequence[Hypothesis],
     ratio: float,
-    model: AnyModel,
+    model: Equations,
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
     # Where the residual is above the noise, the errors grow with it.
@@ -140,7 +139,7 @@ def _effect(
     )
 
 
-def _relative(part: Part, std: Array, model: AnyModel) -> tuple[float | None, float | None]:
+def _relative(part: Part, std: Array, model: Equations) -> tuple[float | None, float | None]:
     """Change of a value of the model as a part of it, and its error."""
     is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
     law = part.effect.term()

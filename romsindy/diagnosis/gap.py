@@ -11,13 +11,14 @@ import numpy as np
 from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, offsets
 from romsindy.effects import Bias
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part, read
-from romsindy.fit.record import Prepared, Record
-from romsindy.fit.shooting import shoot
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part, read
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import shoot
+from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
@@ -308,7 +309,7 @@ def _simulated(
 def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory) -> Array:
     """As far as the motion can be followed from the initial state of another one."""
     grid = record.motion.grid
-    equation = ExtendedEquation(model, tuple(parts), 0, grid.step, record.clock)
+    equation = equation_of(model, parts, 0, record)
     try:
         motion = integrate(equation, near.start, grid, near)
     except TrajectoryError as error:

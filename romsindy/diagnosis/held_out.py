@@ -22,11 +22,12 @@ from romsindy.diagnosis.gap import misfit_of
 from romsindy.diagnosis.noise_of_best import driven_instead
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part, Solution
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _EVERY = 4  # one stretch of so many
@@ -149,12 +150,12 @@ class Validation:
         return replace(hypothesis, tested=max(beyond, 0.0))
 
 
-def left_of(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Array:
+def left_of(model: Equations, parts: Sequence[Part], record: Prepared) -> Array:
     """Measured minus simulated (n,), of a model with parts; infinite where it has no motion."""
     return followed(model, parts, record).residuals[0]
 
 
-def followed(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Solution:
+def followed(model: Equations, parts: Sequence[Part], record: Prepared) -> Solution:
     """A model with parts in a record that took no part: of its values the start is fitted."""
     own = [p.elsewhere(record.t) for p in parts]
     return fit(driven_instead(model, own), own, [record], fixed=True)

@@ -14,16 +14,16 @@ from functools import cached_property
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_choice import Stage
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import FittedPieces, Progress, best_of, fitted, of_plainest_kind
-from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
-from romsindy.fit.fitted import Fit, refined
-from romsindy.fit.pieces import cut
-from romsindy.fit.resonance import resonances_in
+from romsindy.effects.choices import KINDS, Kind, candidates
+from romsindy.fit.coupled.choice import Stage
+from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, fitted, of_plainest_kind
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.pieces import cut
+from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.resonance import resonances_in
+from romsindy.fit.results.fitted import Fit, refined
 from romsindy.fit.verdict import EXPLAINED, MODE, SURE, WORTH
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupled import CoupledModel, linear_terms
 from romsindy.physics.coupling import Along
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term

@@ -20,13 +20,13 @@ from scipy.stats import norm
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.gauss_newton import fit, limits, moved_parts
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part, columns_of, read
+from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part, columns_of, limits, moved_parts, read
 from romsindy.fit.process_noise import Marginal, Windows
-from romsindy.fit.record import Record, scales
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, QUIET
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay

@@ -18,16 +18,16 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.forced.independence import by_values, examine_driven
-from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts
-from romsindy.fit.noises import Noises, NoiseTable, found_noises
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of
-from romsindy.fit.record import Prepared
-from romsindy.fit.shooting import resimulated
-from romsindy.physics.coupled import AnyModel
+from romsindy.fit.adequacy.independence import by_values, examine_driven
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import resimulated
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.typing import Array, Indices
 
@@ -50,7 +50,7 @@ class ByNoises:
     tables: tuple[NoiseTable, ...]
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
+    def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
         """Linearise a fit about its motion."""
         parts, places, tables = solution.parts, [], []
         n_values = sum(p.size for p in parts)
@@ -102,7 +102,7 @@ class NoiseOfBest:
 
     def fitted(
         self,
-        model: AnyModel,
+        model: Equations,
         records: Sequence[Prepared],
         parts: Sequence[Part],
         n_unsure: int,
@@ -118,7 +118,7 @@ class NoiseOfBest:
             return self._weighed(given, records, empty)
 
     def further(
-        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
+        self, model: Equations, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         s = hypothesis.solution
         if s.converged or not s.finite:
@@ -150,7 +150,7 @@ class NoiseOfBest:
         return self.examine(given, solution, records, false_alarm)
 
     def _weighed(
-        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
+        self, model: Equations, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         """The same with what its fit says; nothing where no motion satisfies its equation."""
         s = hypothesis.solution
@@ -175,7 +175,7 @@ def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
     return nearest.needed if nearest is not None else ()
 
 
-def driven_instead(model: AnyModel, parts: Sequence[Part]) -> AnyModel:
+def driven_instead(model: Equations, parts: Sequence[Part]) -> Equations:
     """The model without the inputs that parts stand instead of, and with those that are others."""
     others = (InputDelay, InputLag, InputBetweenSamples)
     changed = [p.effect for p in parts if isinstance(p.effect, others)]

@@ -33,11 +33,11 @@ from romsindy.diagnosis.report import (
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.effects import CATALOGUE, look_alikes
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.fitted import Fit
-from romsindy.fit.record import Record
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import LEFT_OVER
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import rest_level
@@ -107,7 +107,7 @@ class InteractionReport(BesideDecays, Written):
         return self.one_coordinate.nominal
 
     @property
-    def model(self) -> AnyModel:
+    def model(self) -> Equations:
         """Of both modes: the simulation along q1, the other as q2, and what couples them."""
         return self.fit.model
 
@@ -188,7 +188,6 @@ class InteractionReport(BesideDecays, Written):
         return {p.name: p for p in pictures}
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         page = page_of(self, "The simulation and the other mode", self.records)
         more = [TextTable("One coordinate and two", footing_table(self.interaction))]
         more += [TextTable("Coefficients", self.fit.table())]

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
@@ -60,9 +61,7 @@ class MissingForce:
         cycles = min(max(n_cycles / 10, _CYCLES[0]), _CYCLES[1])
         spline = HarmonicSpline.along(phase, record.t, record.decay.q, cycles, HARMONICS)
         q, q_dot, q_ddot = spline(t)
-        equation = ExtendedEquation(
-            model, tuple(parts), index, record.motion.grid.step, record.clock
-        )
+        equation = equation_of(model, parts, index, record)
         # What is missing on the right side: positive pushes towards positive q.
         state = (x[:, None] for x in (q, q_dot, q_ddot))
         force = equation.linearise(t, *state).residual[:, 0]

@@ -21,14 +21,15 @@ from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared, Record
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import json_text
-from romsindy.record.files.whole import whole
+from romsindy.record.files.save import whole
 from romsindy.text import TextTable, listed
 
 if TYPE_CHECKING:
@@ -120,8 +121,8 @@ class Explained(Written):
     """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
 
     verdict: Verdict
-    nominal: AnyModel
-    model: AnyModel
+    nominal: Equations
+    model: Equations
     best: Hypothesis
     rivals: tuple[Hypothesis, ...]
     compared: tuple[Hypothesis, ...]
@@ -168,7 +169,6 @@ class Explained(Written):
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the explanations that the data do not tell apart, best first."""
         return tuple(h.names for h in self.rivals if h.names)
 
     # -- words ---------------------------------------------------------------------------------
@@ -228,7 +228,6 @@ class Explained(Written):
     # -- tables and files ------------------------------------------------------------------------
 
     def table(self) -> list[list[str]]:
-        """Rows of text: every explanation that the data allow, with its values."""
         rows = [list(TABLE_HEAD)]
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
@@ -250,7 +249,6 @@ class Explained(Written):
         }
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         parts = self.added
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
@@ -414,7 +412,6 @@ class DiagnosisReport(BesideDecays, Explained):
 
     @property
     def sentence(self) -> str:
-        """The finding, a line for each question: do they differ, what is missing, left, next?"""
         return "\n".join(self.lines(words.remainder(self.gap, self.left)))
 
     def lines(self, left: str) -> list[str]:
@@ -479,7 +476,6 @@ class DiagnosisReport(BesideDecays, Explained):
         return {p.name: p for p in pictures(self.nominal, self.added, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         return {**super().page(), "formula": self.model.latex_terms()}
 
 

@@ -21,14 +21,12 @@ from romsindy.diagnosis.report import Explained
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.coefficient import extended
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.forced.sampled import Sampled
-from romsindy.fit.record import Prepared
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.part import extended
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.driven import ForcedRecord, Sampled
 from romsindy.fit.verdict import AS_GOOD, CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
@@ -85,12 +83,12 @@ def _shown(
     model: ReducedModel, hypothesis: Hypothesis, record: ForcedRecord, number: int, level: float
 ) -> Array:
     """What a hypothesis says of a record with inputs at another level, (n,)."""
-    sampled = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.sampled.items()}
+    inputs = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.inputs.items()}
     equation = equation_of(
         driven_instead(model, hypothesis.parts),
         hypothesis.parts,
         number,
-        replace(record, sampled=sampled),
+        replace(record, inputs=inputs),
     )
     m = hypothesis.solution.motions[number]
     guess = Trajectory(m.grid, level * m.q, level * m.q_dot, level * m.q_ddot)
@@ -143,7 +141,6 @@ class ResidualReport(Explained):
 
     @property
     def sentence(self) -> str:
-        """The finding, a line for each question: do they differ, what is missing, left, next?"""
         lines = [
             *self._interrupted,
             self._difference,
@@ -296,7 +293,6 @@ class ForcedReport(ResidualReport):
         return most_apart(self.nominal, self.rivals[:2], self.records)
 
     def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
         return {**super().page(), "formula": self.model.latex_terms()}
 
 

@@ -16,9 +16,9 @@ from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED, WORTH
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 
 _SURVIVORS = 6  # of each screening are simulated
 _SENSOR = 2  # of what may be wrong in the sensor
@@ -31,7 +31,7 @@ _APART = 0.15  # of the frequency of the vibration: so far lines lie from each o
 class ResidualSearch(Search):
     """Looks for effects that a model lacks in records with inputs, those of the model known."""
 
-    model: AnyModel
+    model: Equations
     noise: NoiseOfBest
     scales: Scales = field(kw_only=True)
     # What may stand instead of the inputs of the model

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.arguments import (
     FREE,
     check_inputs,
@@ -34,7 +34,7 @@ from romsindy.diagnosis.search import Options, smooth_model, unsure_parts
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.effects.choices import looked_for
+from romsindy.effects.choices import Kind, candidates, looked_for
 from romsindy.effects.drive import (
     InputBetweenSamples,
     InputDelay,
@@ -42,11 +42,7 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_terms import Kind, candidates
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.forced.between_samples import rated, ways
+from romsindy.fit.adequacy.independence import examine_decays
 from romsindy.fit.forced.drives import (
     drives_of,
     freed,
@@ -54,17 +50,19 @@ from romsindy.fit.forced.drives import (
     latest,
     regressed,
 )
-from romsindy.fit.forced.independence import examine_decays
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.friction import smoothed
-from romsindy.fit.measured import free_offsets, small_frequencies
-from romsindy.fit.mode_shape import ModeShape
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.hypothesis import smoothed
+from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, in_place
+from romsindy.fit.records.arguments import small_frequencies
+from romsindy.fit.records.between_samples import rated, ways
+from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.mode_shape import ModeShape, free_offsets
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.equations import inputs_of, with_inputs, without_inputs
+from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -75,7 +73,7 @@ from romsindy.text import quantity
 
 
 def diagnose_forced(
-    model: AnyModel | Beam,
+    model: Equations | Beam,
     measured: Sequence[ForcedVibration],
     held_out: ForcedVibration | None,
     free: Sequence[str | Effect],
@@ -114,7 +112,7 @@ def diagnose_forced(
 
 
 def of_repeats(
-    model: AnyModel | Beam, repeats: Sequence[ForcedVibration], options: Options
+    model: Equations | Beam, repeats: Sequence[ForcedVibration], options: Options
 ) -> Tolerance:
     """What runs of one driven test differ by; see `of_driven_repeats`.
 

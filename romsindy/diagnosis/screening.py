@@ -17,13 +17,14 @@ from scipy.fft import next_fast_len
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.outside import HIGHEST
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.equation import ExtendedEquation, equation_of
-from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, in_orders, read
-from romsindy.fit.record import Prepared, Record
-from romsindy.physics.coupled import AnyModel
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.linear_response import nodes, respond, sampled
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import Part, columns_of, read
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.record import Record
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.signals import vertex
 from romsindy.record.spectrum import Line
@@ -201,7 +202,7 @@ def screen(
 
 
 def screened(
-    model: AnyModel,
+    model: Equations,
     parts: Sequence[Part],
     effects: Sequence[Effect],
     records: Sequence[Prepared],
@@ -232,7 +233,7 @@ def screened(
 
 
 def _rows(
-    model: AnyModel,
+    model: Equations,
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
@@ -248,9 +249,8 @@ def _rows(
     response = respond(
         equation, motion, np.concatenate([own, *(f for f in forces if f is not None)])
     )
-    orders, m = record.orders(parts), len(own)
-    change = in_orders(orders, response.samples)
-    measured = in_orders(orders, partial(sampled, motion))
+    m, change = len(own), record.in_orders(parts, response.samples)
+    measured = record.in_orders(parts, partial(sampled, motion))
     reading = record.read(parts, i, measured + change[..., 0])
     columns = reading.by_motion(change[..., 1:])
     states = columns[:, -2 * model.n_coordinates :]
@@ -279,7 +279,7 @@ def _with_tones(
     record, motion = records[0], motions[0]
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
+    equation = equation_of(model, parts, 0, record)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]

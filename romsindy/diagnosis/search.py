@@ -20,12 +20,10 @@ from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.coefficient import Coefficient
-from romsindy.fit.gauss_newton import Solution
-from romsindy.fit.part import Part
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.kernel.part import Coefficient, Part, Solution
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 
 
@@ -284,7 +282,7 @@ _LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Visco
 
 
 def unsure_parts(
-    model: AnyModel,
+    model: Equations,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     all_scales: Scales,

@@ -16,11 +16,11 @@ from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.effects.base import Effect
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SURE
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -105,7 +105,7 @@ def _value(difference: Difference, kind: str) -> tuple[float, float]:
     return getattr(difference, kind), getattr(difference, f"{kind}_std")
 
 
-def _size(model: AnyModel, part: Part) -> float:
+def _size(model: Equations, part: Part) -> float:
     """Change of a linear value by all of the frequency, or of the damping ratio."""
     law = part.effect.term()
     now = 0.0 if law is None else model.coefficients.get(law.key, 0.0)
@@ -162,7 +162,7 @@ def of_driven_repeats(searches: Sequence[ResidualSearch]) -> Tolerance:
     return Tolerance.read_off(sizes, "repeats")
 
 
-def _values_apart(model: AnyModel, a: Hypothesis, b: Hypothesis) -> list[tuple[str, float]]:
+def _values_apart(model: Equations, a: Hypothesis, b: Hypothesis) -> list[tuple[str, float]]:
     """How far frequencies and dampings may be apart, by their standard errors."""
     apart = []
     for i, part in enumerate(a.parts[: a.n_unsure]):

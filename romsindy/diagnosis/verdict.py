@@ -16,7 +16,7 @@ from typing import Literal
 from romsindy.diagnosis.difference import DEFAULT, Difference, Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import Gap, within
-from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.verdict import (
     CLOSED,
     EQUIVALENT,

@@ -28,9 +28,8 @@ from romsindy.diagnosis.search import (
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.coefficient import Coefficient, extended, in_place
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales, sharing_drift
+from romsindy.fit.kernel.part import Coefficient, Part, extended, in_place
+from romsindy.fit.records.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import (
     AS_WELL,
     NEARLY_WHOLE,

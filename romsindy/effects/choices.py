@@ -1,22 +1,36 @@
-"""Which laws of one coordinate, and effects of a catalogue, are looked for, and where.
+"""Which laws, and effects of a catalogue, are looked for, and where.
 
-"decay": beside functions of q, where one coordinate decays. "coupled": on every one of several
-coordinates; "jointed": on these as well, where what is smooth does not explain them. "driven":
-damping under a measured input, beside powers up to an order of the user's. "steady": in points of
-steady vibration, where near one resonance the first harmonic tells powers of the amplitude only, so
-that gamma_3 stands for inertia and the cube of the speed for the square of q times it. "series": in
-what stands for a simulated series, one by one; "rich": in what that is measured by.
+Laws of one coordinate by places: "decay": beside functions of q, where one coordinate decays.
+"coupled": on every one of several coordinates; "jointed": on these as well, where what is smooth
+does not explain them. "driven": damping under a measured input, beside powers up to an order of the
+user's. "steady": in points of steady vibration, where near one resonance the first harmonic tells
+powers of the amplitude only, so that gamma_3 stands for inertia and the cube of the speed for the
+square of q times it. "series": in what stands for a simulated series, one by one; "rich": in what
+that is measured by. Of several coordinates what may couple them, from the plainest kind of
+structure on.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
 
 from romsindy.effects.base import Effect
+from romsindy.physics.coupling import (
+    Along,
+    CoupledTerm,
+    MixedDamping,
+    MixedStiffness,
+    SlavedInertia,
+)
 from romsindy.physics.damping import AmplitudeDamping, Friction, PowerDamping
-from romsindy.physics.inertia import Inertia
+from romsindy.physics.inertia import AddedMass, Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
+from romsindy.typing import Array
 
 _TABLE: tuple[tuple[Term, str], ...] = (
     (Stiffness(2, odd=True), "jointed steady"),
@@ -55,3 +69,60 @@ def sought(place: str) -> tuple[Term, ...]:
     if place not in PLACES:
         raise ValueError(f"place = {place!r} must be one of {sorted(PLACES)}")
     return tuple(law for law, places in _TABLE if place in places.split())
+
+
+class Kind(NamedTuple):
+    """Which candidates there are beside the smooth ones.
+
+    Laws of single coordinates that have a kink or jump at rest, as joints and drag do; modal masses
+    that differ, for sensors scale the coordinates; what couples coordinates, without which masses
+    are not told, and what couples their damping.
+    """
+
+    kinked: bool = False
+    masses: bool = False
+    coupled: bool = True
+    coupled_damping: bool = True
+
+
+# From the plainest on. Masses show where what couples is known well, not beside everything else.
+KINDS = (Kind(), Kind(masses=True), Kind(masses=True, kinked=True))
+
+
+def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
+    """Terms that may be needed beside the linear ones: to the third power, and of pairs."""
+    alone = (*sought("coupled"), *(sought("jointed") if kind.kinked else ()))
+    found: list[CoupledTerm] = []
+    unit = np.eye(n_coordinates, dtype=int)
+    if kind.masses and kind.coupled:
+        found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
+    for i in range(n_coordinates):
+        found += [Along.coordinate(law, i + 1) for law in alone]
+        found.append(_slaved(2 * unit[i], 2 * unit[i]))
+    if not kind.coupled:
+        return tuple(found)
+    for i, j in itertools.combinations(range(n_coordinates), 2):
+        a, b = unit[i], unit[j]
+        powers = [2 * a + b, a + 2 * b, 3 * a + b, 2 * (a + b), a + 3 * b]
+        found += [MixedStiffness(tuple(p.tolist())) for p in powers]
+        found += [_slaved(a + b, x) for x in (2 * a, a + b, 2 * b)]
+        found.append(_slaved(2 * a, 2 * b))
+        if not kind.coupled_damping:
+            continue
+        found.append(MixedDamping(i + 1, j + 1))
+        found += [
+            MixedDamping(k + 1, k + 1, tuple((2 * unit[m]).tolist())) for k, m in ((i, j), (j, i))
+        ]
+    for a, b, c in itertools.combinations(unit, 3):
+        found.append(MixedStiffness(tuple((a + b + c).tolist())))
+    return tuple(found)
+
+
+def couplings(n_coordinates: int) -> tuple[CoupledTerm, ...]:
+    """Those of several coordinates together, and the masses that a coordinate drags along."""
+    every = candidates(n_coordinates, KINDS[0])
+    return tuple(term for term in every if not isinstance(term, Along))
+
+
+def _slaved(first: Array, second: Array) -> SlavedInertia:
+    return SlavedInertia(tuple(first.tolist()), tuple(second.tolist()))

@@ -9,11 +9,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
-from romsindy.fit.coefficient import extended
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.fitted import Fit
-from romsindy.fit.remembering import with_memories
-from romsindy.fit.shooting import shoot
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.hypothesis import with_memories
+from romsindy.fit.kernel.part import extended
+from romsindy.fit.kernel.shooting import shoot
+from romsindy.fit.results.fitted import Fit
 from romsindy.typing import Array
 
 

@@ -2,25 +2,26 @@
 
 What was measured says which way is taken. Free decays of one coordinate become functions of q with
 bands (`romsindy.fit.functions`), those of several coordinates and records with inputs become an
-equation whose terms gain on data that take no part (`romsindy.fit.selection`). With ``terms`` given
-nothing is chosen, and their values are fitted (`romsindy.fit.refine`).
+equation whose terms gain on data that take no part (`romsindy.fit.choice.selection`). With
+``terms`` given nothing is chosen, and their values are fitted (`romsindy.fit.refine`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from romsindy.fit.coupled_identify import identify_coupled, model_with_terms
-from romsindy.fit.fitted import Fit
+from romsindy.fit.coupled.identify import identify_coupled, model_with_terms
 from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify_decays
-from romsindy.fit.measured import driven_among, listed_records, several_decays
+from romsindy.fit.records.arguments import listed_records, several_decays
 from romsindy.fit.refine import refine, refine_terms
+from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Given
 
 Measured = Decay | ForcedVibration
 
@@ -76,7 +77,7 @@ def identify(
         If no motion of the equation follows the measured one.
     """
     several = listed_records(records, "records")
-    driven = driven_among(several)
+    driven = Given.of(several).driven
     one = coordinates == 1 and not isinstance(coordinates, bool)
     if terms is not None:
         _require(curvature is None, "curvature", curvature, "left out where terms are given")

@@ -1,9 +1,9 @@
 """Fit a model by simulation: the simulated motion follows the measured one over the whole decay.
 
-Regression takes noisy displacements as its regressors, and noise there biases what it finds.
-Here all noise is on one side: that of the measurement. The fit starts from the measured motion,
-smoothed (`romsindy.fit.gauss_newton`), so that the phase is never a cycle off, and ends with exact
-motions (`romsindy.fit.shooting`).
+Regression takes noisy displacements as its regressors, and noise there biases what it finds. Here
+all noise is on one side: that of the measurement. The fit starts from the measured motion, smoothed
+(`romsindy.fit.kernel.gauss_newton`), so that the phase is never a cycle off, and ends with exact
+motions (`romsindy.fit.kernel.shooting`).
 """
 
 from __future__ import annotations
@@ -11,38 +11,36 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, cast
 
-from romsindy.fit.coefficient import LINEAR
-from romsindy.fit.coupled_record import coupled_records, free_shapes
-from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.forced.weighed import examined
-from romsindy.fit.measured import (
-    NUMERICS,
+from romsindy.fit.kernel.part import LINEAR, Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.shooting import LOSSES
+from romsindy.fit.records.arguments import (
     free_names,
-    free_offsets,
     listed_records,
-    prepared,
-    ready,
     require_known,
     require_unit,
     several_decays,
     small_frequencies,
 )
-from romsindy.fit.part import Part
-from romsindy.fit.process_noise import form_of
-from romsindy.fit.record import Prepared, Record
-from romsindy.fit.shooting import LOSSES
-from romsindy.physics.coupled import AnyModel
+from romsindy.fit.records.coupled import coupled_records, free_shapes
+from romsindy.fit.records.measured import prepared, ready
+from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.record import NUMERICS, Record
+from romsindy.fit.results.fitted import Fit, examined, refined
+from romsindy.fit.results.predict import form_of
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Given
 
 
 def refine(
-    model: AnyModel,
+    model: Equations,
     decays: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
     *,
     fixed: Collection[str] = (),
@@ -87,7 +85,7 @@ def refine(
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
     several = listed_records(decays)
-    if any(isinstance(d, ForcedVibration) for d in several):
+    if Given.of(several).driven:
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
@@ -132,7 +130,7 @@ def _is_law(term: object) -> bool:
 
 
 def _seen(
-    model: AnyModel, decays: Sequence[Decay], offset: bool
+    model: Equations, decays: Sequence[Decay], offset: bool
 ) -> tuple[tuple[Prepared, ...], tuple[Part, ...]]:
     """Records, and what of their sensors is fitted: offsets, or mode shapes."""
     if not model.numbered:

@@ -5,7 +5,7 @@ Numbers that only steer computations (steps, iterations, starting values) stay w
 
 from __future__ import annotations
 
-# -- does a model explain its data? (`romsindy.fit.adequacy`) ---------------------------------
+# -- does a model explain its data? (`romsindy.fit.adequacy.decays`) -------------------------------
 
 # A right model is said to leave what repeats with the vibration this often (F test).
 FALSE_ALARM = 0.01
@@ -17,7 +17,7 @@ EXPLAINED = 1.10
 STRUCTURE = 1.3
 
 # What goes with the motion or the input of a driven record, as a part of its response, up to which
-# nothing is missing (`romsindy.fit.forced.independence`): 60 dB.
+# nothing is missing (`romsindy.fit.adequacy.independence`): 60 dB.
 BARELY = 1e-3
 # Correlation from sample to sample from which noise is called coloured; noise of a force that is
 # told beside that of the sensor, as a part of it in the response.
@@ -46,13 +46,13 @@ CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 
-# -- which terms are needed? (`romsindy.fit.selection`) ----------------------------------------
+# -- which terms are needed? (`romsindy.fit.choice.selection`) -------------------------------------
 
 # A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that
 # took no part: less is the form of other laws.
 TERM = 0.02
 # Another choice of terms counts in the errors where its odds against the chosen one are above this:
-# 1 to 20 (`romsindy.fit.choice_error`).
+# 1 to 20 (`romsindy.fit.choice.choice_error`).
 HARDLY_TOLD = 0.05
 # A further coordinate must bring down the rms of what is left by this part.
 MODE = 0.1
@@ -63,12 +63,12 @@ REFUSED = 5.0
 # somewhere, for its terms to be refused: noise alone makes it so where it is nearly none.
 NEGATIVE = 3.0
 
-# -- what does an input do between its samples? (`romsindy.fit.forced.between_samples`) ----------
+# -- what does an input do between its samples? (`romsindy.fit.records.between_samples`) ----------
 
 # A way must leave this part of the power less than another one: less may be the form of the model.
 FORM = 0.003
 
-# -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.arguments`) -------
+# -- which records can be looked at? (`romsindy.fit.records.record`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.
 QUIET = 0.01

@@ -129,12 +129,8 @@ def mode_orbits(model: Equations, amplitudes: Array, mode: int) -> ModeOrbits:
     ModeOrbits
         Without those that the branch does not reach before it turns back.
 
-    Raises
-    ------
-    ValueError
-        If an amplitude is not positive, the model has no such mode, or inertia without an energy.
-    ContinuationError
-        If the branch ends where it has hardly begun.
+    Raises a ValueError if an amplitude is not positive, the model has no such mode, or inertia
+    without an energy; a ContinuationError if the branch ends where it has hardly begun.
     """
     if amplitudes.ndim != 1 or not len(amplitudes) or not np.all(amplitudes > 0):
         raise ValueError(f"amplitudes must be positive and one-dimensional, got {amplitudes!r}")

@@ -19,16 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.physics import export
-from romsindy.physics.coupling import (
-    Along,
-    CoupledTerm,
-    MixedStiffness,
-    PolynomialTerm,
-    Powers,
-)
+from romsindy.physics.coupling import Along, CoupledTerm, MixedStiffness, PolynomialTerm, Powers
+from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import SINGULAR, Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term, law_called, type_name
 from romsindy.physics.term_sum import read_json, refuse_many
 from romsindy.physics.validation import require_finite
@@ -79,7 +75,6 @@ class CoupledModel(Equations):
 
     @cached_property
     def n_coordinates(self) -> int:
-        """R."""
         return max(t.n_coordinates for t in self.terms if isinstance(t, CoupledTerm))
 
     @property
@@ -136,7 +131,6 @@ class CoupledModel(Equations):
     residual_and_slopes = linearise
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
-        """Left sides of the equations, (..., R): zero along a free motion."""
         q, q_dot, q_ddot = self._motion(q, q_dot, q_ddot)
         residual = self._polynomials.residual(q, q_dot, q_ddot)
         for w, model in self._directions:
@@ -179,7 +173,6 @@ class CoupledModel(Equations):
         return np.linalg.solve(inertia, (push - force)[..., None])[..., 0]
 
     def objection(self, q: Array) -> str:
-        """Why no motion goes through all positions q, (n, R); empty if one may."""
         least = np.linalg.eigvalsh(self.inertia(q))[:, 0]
         if np.min(least) > SINGULAR:
             return ""
@@ -272,10 +265,7 @@ class CoupledModel(Equations):
         return export.equations(self._pairs, self.coordinates)
 
 
-AnyModel = ReducedModel | CoupledModel
-
-
-def model_from_json(text: str) -> AnyModel:
+def model_from_json(text: str) -> Equations:
     """The model of one coordinate or of several that ``to_json`` wrote.
 
     Raises
@@ -431,3 +421,16 @@ class _Polynomials(NamedTuple):
                 by_a[i, second] += value
         by_q, by_v, by_a = (y.transpose(2, 0, 1).reshape(*shape, r) for y in (by_q, by_v, by_a))
         return residual.T.reshape(shape), by_q, by_v, by_a
+
+
+def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
+    """Stiffness and damping of every coordinate by itself."""
+    laws = (Stiffness(1), PowerDamping(1))
+    return tuple(Along.coordinate(law, i + 1) for i in range(n_coordinates) for law in laws)
+
+
+def linear_model(omega: Array, ratios: Array, unit: str | None) -> CoupledModel:
+    """Small vibrations by angular frequencies and damping ratios, which do not grow."""
+    pairs = zip(omega, ratios, strict=True)
+    values = [float(v) for w, z in pairs for v in (w**2, 2 * max(z, 0.0) * w)]
+    return CoupledModel(linear_terms(len(omega)), tuple(values), unit)

@@ -28,8 +28,7 @@ from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.recording import Quantity
-from romsindy.record.sampling import checked_time
+from romsindy.record.recording import Quantity, checked_time
 from romsindy.typing import Array
 
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.

@@ -20,7 +20,7 @@ from romsindy.record.interpolation import (
     is_base,
     require_input,
 )
-from romsindy.record.sampling import checked_signal, uniform_times
+from romsindy.record.recording import checked_signal, uniform_times
 from romsindy.typing import Array
 
 # Name of the coefficient: what stands on the right is the gain times a force, or minus the

@@ -267,8 +267,8 @@ class TermSum:
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote, or ``{"coefficients": {"omega^2": ...}, "unit": ...}``.
 
-        Other entries beside these do not matter: a saved `romsindy.fit.estimate.Estimate` is read
-        as the model that it holds.
+        Other entries beside these do not matter: a saved `romsindy.fit.results.estimate.Estimate`
+        is read as the model that it holds.
 
         Raises
         ------

@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.recording import QUANTITIES, Quantity, Recording, unit_of
+from romsindy.record.recording import (
+    QUANTITIES,
+    Measurement,
+    Quantity,
+    Recording,
+    checked_signal,
+    checked_time,
+    part_between,
+    uniform_times,
+)
 from romsindy.record.releases import Release, split_releases
-from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
 from romsindy.record.signals import (
     crossings,
     downsample,
@@ -35,7 +43,7 @@ SAMPLES_PER_CYCLE = 40
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decay:
+class Decay(Measurement):
     """One free decay, uniformly sampled; checked when it is made.
 
     Parameters
@@ -157,37 +165,14 @@ class Decay:
             return decay
         return _integrated(decay, release.frequency, part.quantity)
 
+    names = ()  # no input drives it
+
     # -- what it is ---------------------------------------------------------------------------
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval in s."""
-        return float(self.t[1] - self.t[0])
-
-    @property
-    def n_channels(self) -> int:
-        """Number of channels of q."""
-        return 1 if self.q.ndim == 1 else self.q.shape[1]
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """None: nothing drives it, see `ForcedVibration.inputs`."""
-        return ()
 
     @property
     def complete(self) -> bool:
         """Whether velocity and acceleration came with the displacement."""
         return self.q_dot is not None and self.q_ddot is not None
-
-    @property
-    def signal_unit(self) -> str:
-        """Unit of the measured quantity."""
-        return unit_of(self.measured, self.unit)
-
-    @property
-    def derivative(self) -> int:
-        """0, 1, 2 where displacement, velocity or acceleration was measured."""
-        return QUANTITIES.index(self.measured)
 
     def as_recording(self, basis: str = "the decay that was given", source: str = "") -> Recording:
         """What the sensor gave, with the notes."""
@@ -199,6 +184,11 @@ class Decay:
     def signal(self) -> Array:
         """What was measured: q, q_dot or q_ddot."""
         return getattr(self, _NAMES[self.derivative])
+
+    @property
+    def response(self) -> Array:
+        """The same."""
+        return self.signal
 
     @cached_property
     def crossings(self) -> tuple[Indices, Indices]:

@@ -8,20 +8,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
-from romsindy.record.faults import (
-    Mask,
-    clipped,
-    dropouts,
-    filled,
-    resolution,
-    restored,
-    runs,
-    spikes,
-    steps,
-)
-from romsindy.record.recording import Recording
-from romsindy.record.sampling import uniform_times
-from romsindy.record.signals import moving_mean
+from romsindy.record.faults import clipped, dropouts, filled, resolution, restored, spikes, steps
+from romsindy.record.recording import Recording, uniform_times
+from romsindy.record.signals import Mask, moving_mean, runs
 from romsindy.record.smoothing import swing
 from romsindy.record.spectrum import NoiseLevel
 from romsindy.text import counted

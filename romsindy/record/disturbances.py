@@ -14,8 +14,8 @@ from scipy.interpolate import make_lsq_spline
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from scipy.signal import periodogram
 
-from romsindy.record.faults import Mask, filled
-from romsindy.record.signals import moving_mean, vertex
+from romsindy.record.faults import filled
+from romsindy.record.signals import Mask, moving_mean, vertex
 from romsindy.record.spectrum import noise_std, round_about, standing_out
 from romsindy.typing import Array, Indices
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from romsindy.record.prediction import autoregression, interpolated, predictor
+from romsindy.record.signals import Mask, runs
 from romsindy.typing import Array
-
-Mask = NDArray[np.bool_]
 
 # Fewer equal samples in a row may be chance, or steps of an encoder.
 _FEWEST = 4
@@ -29,12 +27,6 @@ _FLAT = 8.0
 _NEAR_RAIL, _FEW_BEYOND = 0.02, 10
 # Samples of the longest spike: what is longer is a blow, or motion.
 LONGEST_SPIKE = 5
-
-
-def runs(mask: Mask) -> list[slice]:
-    """The stretches of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def resolution(x: Array) -> float:

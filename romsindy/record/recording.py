@@ -1,30 +1,179 @@
-"""What sensors gave: channels sampled together, before any analysis, and the inputs beside them."""
+"""Recordings of some channels over time, and samples and times as they are given.
+
+Numbers, dates, masks; uniform and increasing times.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import date, timedelta
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.signal import ShortTimeFFT, find_peaks, periodogram
+from numpy.typing import ArrayLike
 
-from romsindy.record.sampling import as_floats, enough_times, part_between, require_increasing
-from romsindy.record.signals import vertex
+from romsindy.text import counted
 from romsindy.typing import Array
 
-# An input acts where it reaches this part of its largest value, and drives a record where it acts
-# in this part of it: a blow is over at once.
-_ACTS, _DRIVES = 0.05, 0.3
-_WINDOWS = 64  # windows of a record in which a tone is looked for
-# Of the power of a window: so much near its strongest line is one tone, in most of the windows.
-_TONE, _MOST = 0.7, 0.8
-# From window to window a frequency that sweeps moves by its range over their number. One that is
-# stepped moves by less than a part of that, so often. Less than so many lines tell neither.
-_STILL, _HOLDS, _FAR = 0.1, 0.2, 8
-_BAND = 0.01  # of the power: what lies beyond belongs to no band
+# Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
+_ROUNDING = 1e-4
+Quantity = Literal["displacement", "velocity", "acceleration"]
+QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+# Of the usual step: a longer one is a gap.
+GAP = 1.5
+
+
+def as_floats(name: str, x: ArrayLike) -> Array:
+    """Real numbers as a new array of floats; nan where a sample is masked.
+
+    Raises a ValueError if they are complex, dates or no numbers.
+    """
+    masked = x if isinstance(x, np.ma.MaskedArray) else None
+    try:
+        if np.iscomplexobj(x):
+            raise TypeError("it is complex")
+        if np.asarray(x).dtype.kind in "mM":
+            raise TypeError("it holds dates or durations")
+        found = np.array(x, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
+    if masked is not None:
+        found[np.ma.getmaskarray(masked)] = np.nan
+    return found
+
+
+def as_seconds(name: str, t: ArrayLike) -> Array:
+    """Times in s as a new array of floats: dates count from the first one, durations from zero.
+
+    Those of NumPy (``datetime64``, ``timedelta64``), of pandas and of Python's ``datetime`` are
+    taken, exact to the last digit of a float; of masked ones nan.
+
+    Raises a ValueError as `as_floats`.
+    """
+    times = np.asarray(t)
+    first = times.flat[0] if times.size else 0.0
+    try:
+        if times.dtype.kind == "M":
+            times = times - first
+        if times.dtype.kind == "O" and isinstance(first, date):
+            times = np.array([x - first for x in times.flat]).reshape(times.shape)
+            first = times.flat[0]
+        if times.dtype.kind == "m":
+            times = times / np.timedelta64(1, "s")
+        if times.dtype.kind == "O" and isinstance(first, timedelta):
+            times = np.array([x.total_seconds() for x in times.flat]).reshape(times.shape)
+    except (TypeError, AttributeError) as error:  # months, or times of several kinds
+        raise ValueError(f"{name} must be times in s, dates or durations: {error}") from None
+    mask = np.ma.getmask(t) if isinstance(t, np.ma.MaskedArray) else np.ma.nomask
+    return as_floats(name, np.ma.array(times, mask=mask))
+
+
+def uniform_times(t: Array) -> tuple[Array, str]:
+    """Uniform times over the same span, (n,), and what the jitter is in words.
+
+    There are no words where digits of t were merely rounded; no samples need be changed then.
+    """
+    uniform = np.linspace(t[0], t[-1], len(t))
+    jitter = np.abs(t - uniform) / (uniform[1] - uniform[0])
+    if jitter.max() <= _ROUNDING:
+        return uniform, ""
+    rms = np.sqrt(np.mean(jitter**2))
+    return uniform, (
+        f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
+        f" at most {jitter.max():.2g}; resampled uniformly"
+    )
+
+
+def part_between(t: Array, start: float | None, end: float | None) -> slice:
+    """Samples with start <= t <= end, in s; None leaves an end as it is.
+
+    Raises a ValueError if they are fewer than eight, or a time is no finite number.
+    """
+    for name, value in (("start", start), ("end", end)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(f"{name}={value} is no time: give seconds, or leave it out")
+    low, high = t[0] if start is None else start, t[-1] if end is None else end
+    slack = 1e-6 * float(t[1] - t[0])
+    first, last = np.searchsorted(t, [low - slack, high + slack]).tolist()
+    if last - first < 8:
+        raise ValueError(
+            f"start = {start}, end = {end} leave {max(last - first, 0)} samples of the record,"
+            f" which runs from {t[0]:.6g} to {t[-1]:.6g} s"
+        )
+    return slice(first, last)
+
+
+def enough_times(t: ArrayLike) -> Array:
+    """Times as `as_seconds` takes them, refused where they are not (n,) of at least 8."""
+    t = as_seconds("t", t)
+    if t.ndim != 1 or len(t) < 8:
+        raise ValueError(
+            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
+            " the record"
+        )
+    return t
+
+
+def require_increasing(
+    t: Array, remedy: str = "sort the samples or remove the repeated ones"
+) -> None:
+    """Refuse times (n,) of which one is not after the one before it."""
+    bad = np.flatnonzero(~(np.diff(t) > 0))
+    if len(bad):
+        i = int(bad[0])
+        what = "repeats" if t[i + 1] == t[i] else "decreases"
+        raise ValueError(
+            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
+            f" {remedy}"
+        )
+
+
+def checked_time(t: ArrayLike) -> Array:
+    """Times of a record, (n,) in s.
+
+    Raises a ValueError unless they are finite numbers that increase without a gap, at least 8 of
+    them.
+    """
+    t = enough_times(t)
+    _refuse_nan("t", t)
+    require_increasing(t)
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    if steps.max() > 1.5 * usual:
+        i = int(np.argmax(steps))
+        raise ValueError(
+            f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
+            " the record there and pass the pieces as a list, keep one with start= or end=, or"
+            " interpolate"
+        )
+    return t
+
+
+def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
+    x = as_floats(name, x)
+    if x.ndim not in (1, 2) or len(x) != n:
+        raise ValueError(
+            f"{name} must have shape ({n},) or ({n}, n_channels) to go with t, got {x.shape}"
+        )
+    _refuse_nan(name, x)
+    if name == "q" and not np.all(np.ptp(x, axis=0) > 0):
+        raise ValueError(f"q is constant ({x.flat[0]:.6g}): nothing vibrates in this record")
+    return x
+
+
+def _refuse_nan(name: str, x: Array) -> None:
+    bad = np.argwhere(~np.isfinite(x))
+    if len(bad):
+        what = counted(len(bad), "value that is", "values that are")
+        raise ValueError(
+            f"{name} has {what} NaN, infinite or masked, the first at sample"
+            f" {int(bad[0][0])}: cut them off, or interpolate over them; rs.inspect takes a"
+            " Recording in which samples are missing"
+        )
 
 
 @dataclass(frozen=True)
@@ -39,63 +188,84 @@ class RecordedInput:
     def __str__(self) -> str:
         return f"{self.kind} in column {self.name!r}: {self.how}"
 
-    @classmethod
-    def of(cls, x: Array, dt: float, name: str, kind: str) -> RecordedInput:
-        """From samples (n,) of the input every ``dt`` seconds; NaN where one is missing."""
-        x = np.where(np.isfinite(x), x, 0.0)
-        x = x - np.median(x)
-        size = np.array([np.max(np.abs(part), initial=0.0) for part in np.array_split(x, _WINDOWS)])
-        if not np.any(size):
-            return cls(name, kind, "nothing but a constant", False)
-        acts = float(np.mean(size > _ACTS * size.max()))
-        if acts < _DRIVES:
-            return cls(name, kind, f"a blow or several, {100 * acts:.2g} % of the record", False)
-        return cls(name, kind, _how(x, dt), True)
-
-
-def _how(x: Array, dt: float) -> str:
-    """Of an input that lasts: a tone that holds, steps or sweeps, or a broad band."""
-    width = max(4 * len(x) // _WINDOWS, 16)
-    window = ShortTimeFFT(np.hanning(width), max(width // 4, 1), 1 / dt)
-    power = window.spectrogram(x)[:, window.lower_border_end[1] :]
-    power = power[:, power.sum(axis=0) > _ACTS**2 * power.sum(axis=0).max()]
-    top = np.argmax(power, axis=0)
-    near = np.abs(np.arange(len(power))[:, None] - top) <= 3
-    tones = np.sum(power * near, axis=0) > _TONE * power.sum(axis=0)
-    line = 1 / (width * dt)
-    if np.mean(tones) > _MOST:
-        f = line * _tops(power[:, tones])
-        low, high = float(f.min()), float(f.max())
-        if high - low < 3 * line:
-            return f"harmonic at {np.median(f):.4g} Hz"
-        steady = np.mean(np.abs(np.diff(f)) < _STILL * (high - low) / len(f)) > _HOLDS
-        kind = ("stepped " if steady else "swept ") if high - low > _FAR * line else ""
-        return f"{kind}sine from {low:.3g} to {high:.3g} Hz"
-    f, power = periodogram(x, 1 / dt)
-    part = np.cumsum(power) / power.sum()
-    low, high = (float(f[np.searchsorted(part, p)]) for p in (_BAND, 1 - _BAND))
-    peaks = find_peaks(power, 1e-3 * power.max(), distance=2)[0]
-    lines = len(peaks) > 2 and power[peaks].sum() > _TONE * power.sum()
-    return f"{'many tones' if lines else 'random'} from {low:.3g} to {high:.3g} Hz"
-
-
-def _tops(power: Array) -> Array:
-    """Lines, not whole, at which each column is greatest: a parabola through three logarithms."""
-    top = np.clip(np.argmax(power, axis=0), 1, len(power) - 2)
-    log = np.log(np.maximum(power, 1e-300))
-    return top + vertex(*(np.take_along_axis(log, top[None] + k, axis=0)[0] for k in (-1, 0, 1)))
-
-
-Quantity = Literal["displacement", "velocity", "acceleration"]
-QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
-
-# Of the usual step: a longer one is a gap.
-GAP = 1.5
-
 
 def unit_of(quantity: Quantity, unit: str | None) -> str:
     """Unit of a quantity where q has a unit."""
     return (unit or "[q]") + ("", "/s", "/s^2")[QUANTITIES.index(quantity)]
+
+
+class Measurement(ABC):
+    """A record of one motion, uniformly sampled: a `Decay`, or a `ForcedVibration` with inputs."""
+
+    t: Array
+    unit: str | None
+    measured: Quantity
+
+    @property
+    @abstractmethod
+    def response(self) -> Array:
+        """What was measured of the motion, (n,) or (n, n_channels)."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Of the inputs that were measured; none drives a decay."""
+
+    @abstractmethod
+    def same_record(self, other: Any) -> bool:
+        """Whether both hold the same samples."""
+
+    @property
+    def driven(self) -> bool:
+        """Whether inputs drive the motion."""
+        return bool(self.names)
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s."""
+        return float(self.t[1] - self.t[0])
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels that show the motion."""
+        return 1 if self.response.ndim == 1 else self.response.shape[1]
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return QUANTITIES.index(self.measured)
+
+    @property
+    def signal_unit(self) -> str:
+        """Unit of the measured quantity."""
+        return unit_of(self.measured, self.unit)
+
+
+class Given(NamedTuple):
+    """What an argument holds that takes one record or several."""
+
+    several: list[Any]  # in their order
+
+    @classmethod
+    def of(cls, argument: Any) -> Given:
+        """A record by itself, or those of a list."""
+        many = isinstance(argument, (list, tuple, Iterator))
+        return cls(list(argument) if many else [argument])
+
+    @property
+    def decays(self) -> list[Any]:
+        """Records that nothing drives."""
+        return [r for r in self.several if isinstance(r, Measurement) and not r.driven]
+
+    @property
+    def driven(self) -> list[Any]:
+        """Those with inputs."""
+        return [r for r in self.several if isinstance(r, Measurement) and r.driven]
+
+    @property
+    def others(self) -> list[Any]:
+        """What is no record of one motion."""
+        return [r for r in self.several if not isinstance(r, Measurement)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.record.faults import runs
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency, unpredicted
 from romsindy.record.recording import QUANTITIES, Recording
+from romsindy.record.signals import runs
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 

@@ -1,7 +1,7 @@
-"""Plain arrays: fundamental, cycles and level of rest, added noise, filters, upsampling.
+"""Samples that show a faulty sensor (dropouts, clipping, spikes, steps), and what belongs there.
 
-Arrays have time on axis 0; unless another shape is named, ``x`` is one channel (n,), sampled every
-``dt`` seconds. Nothing here knows what was measured.
+Arrays are one channel (n,) with a uniform rate; ``cycle`` is the length of a cycle of the
+vibration, in samples. Nothing here knows what was measured.
 """
 
 from __future__ import annotations
@@ -10,11 +10,21 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt
 
 from romsindy.typing import Array, Indices
+
+Mask = NDArray[np.bool_]
+
+
+def runs(mask: Mask) -> list[slice]:
+    """The stretches of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
 
 # Lines of a spectrum below this one hold fewer cycles.
 _CYCLES_AT_LEAST = 3
@@ -87,10 +97,7 @@ def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:
     seed : int, optional
         None draws other noise every time.
 
-    Raises
-    ------
-    ValueError
-        If the ratio is not finite.
+    Raises a ValueError if the ratio is not finite.
     """
     if not np.isfinite(snr_db):
         raise ValueError(f"snr_db = {snr_db!r} must be a finite number of decibels")

@@ -13,13 +13,13 @@ from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
-from romsindy.fit.measured import require_unit, several_decays
+from romsindy.fit.records.arguments import require_unit, several_decays
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.sampling import as_floats, as_seconds
+from romsindy.record.recording import Given, Measurement, as_floats, as_seconds
 from romsindy.record.smoothing import Filter
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
 from romsindy.regression.projection import HarmonicProjection, HarmonicRows
@@ -272,10 +272,10 @@ def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
 
     Raises a ValueError if inputs are given beside decays, or shapes do not fit.
     """
-    several = list(x) if isinstance(x, (list, tuple)) else [x]
-    forced = [v for v in several if getattr(v, "inputs", ())]
+    given = Given.of(x)
+    forced = given.driven
     if u is None:
-        if forced and len(forced) < len(several):
+        if forced and len(forced) < len(given.several):
             raise ValueError(
                 "x holds forced vibrations and others: regress one kind; refine() takes decays"
                 " and forced vibrations together"
@@ -283,7 +283,7 @@ def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
         return forced
     if forced:
         raise ValueError("u is given, and x is a ForcedVibration, which has inputs: leave out u")
-    if any(_is_decay(d) for d in several):
+    if given.decays:
         raise ValueError(
             "u is given, and x is a Decay, which nothing drives: leave out u, or give arrays x, t"
             " and u, or a ForcedVibration"
@@ -308,7 +308,7 @@ def _forced(x: Any, t: Any, u: Any) -> ForcedVibration:
 
 def _is_decay(x: Any) -> bool:
     """Whether it is a record that nothing drives."""
-    return getattr(x, "inputs", None) == ()
+    return isinstance(x, Measurement) and not x.driven
 
 
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
-from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.records.coupled import CoupledRecord
+from romsindy.fit.records.driven import ForcedRecord
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration

@@ -10,14 +10,16 @@ import numpy as np
 from pysindy.optimizers.base import BaseOptimizer
 from sklearn.base import BaseEstimator
 
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records
-from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import inputs_in, refuse_displacement
 from romsindy.fit.forced.drives import regressed as regressed_about_motion
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.measured import NUMERICS, require_unit, small_frequencies
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.fit.records.arguments import require_unit, small_frequencies
+from romsindy.fit.records.between_samples import ways
+from romsindy.fit.records.coupled import CoupledRecord, coupled_records
+from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.record import NUMERICS
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.damping import PowerDamping
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -109,7 +111,7 @@ class Regression(NamedTuple):
     """
 
     optimizer: BaseOptimizer
-    model: AnyModel
+    model: Equations
     terms: tuple[Term, ...]
     rows: WindowRows
     mode_shapes: Array

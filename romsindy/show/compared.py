@@ -85,7 +85,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             decays[0].measured,
             unit_of(decays[0].measured, decays[0].unit),
             own,
-            _inputs(decays) if first.inputs else {},
+            _inputs(decays) if first.driven else {},
             min(float(_rate(record.motion)) for record, _ in pairs),
         )
         for x, rest, own in zip(measured, left, first.noises, strict=True)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
+from romsindy.fit.results.estimate import Estimate
 from romsindy.physics.model import ReducedModel
 from romsindy.show.axes import given_or_new, look, with_unit
 from romsindy.typing import Array

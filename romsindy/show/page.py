@@ -1,24 +1,29 @@
-"""Self-contained HTML pages, from the templates beside this file."""
+"""Self-contained HTML pages, from the templates beside this file: of one record, or of many."""
 
 from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
 from latex2mathml.converter import convert
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from romsindy import __version__
-from romsindy.record.files.whole import whole, write_whole
+from romsindy.record.backbone import Backbone
+from romsindy.record.files.save import whole, write_whole
+from romsindy.show.axes import of_cycles, tell, with_unit
 from romsindy.show.interactive import curves, script
-from romsindy.text import columns_of_numbers
+from romsindy.text import TextTable, columns_of_numbers
 
 _DPI = 130
 _MAKERS = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # entries of such files
@@ -34,6 +39,7 @@ _TONES = {
     "unknown": "bad",
     "not explained": "bad",
 }
+_CAPTION = "Every dot is a cycle whose own frequency is known well enough; a colour for each file."
 
 
 @dataclass(frozen=True)
@@ -132,3 +138,61 @@ def write_page(
         version=__version__, command=command, plotly=plotly, figures=figures, **content
     )
     write_whole(path, text)
+
+
+def write_overview(
+    path: str | Path,
+    sentence: str,
+    rows: Sequence[Sequence[str]],
+    backbones: Mapping[str, Backbone],
+    notes: Sequence[str] = (),
+    *,
+    interactive: bool = False,
+    command: str = "identify",
+) -> None:
+    """Write the page.
+
+    The last cell of a row is the report, to which it links; ``backbones`` go by names of files, and
+    ``notes`` say why files have no report. With ``interactive``, the figure zooms and shows the
+    cycle under the pointer.
+    """
+    header, *body = rows
+    linked = [[*row[:-1], _link(row[-1])] for row in body]
+    pictures = [Picture("backbones", "Backbones", _CAPTION, partial(_draw, backbones), (9.0, 4.8))]
+    write_page(
+        path,
+        "report",
+        command,
+        title=f"{len(body)} records",
+        sentence=sentence,
+        tables=[TextTable("Files", [header, *linked])],
+        pictures=pictures if backbones else [],
+        interactive=interactive,
+        notes_title="Without a report",
+        notes=notes,
+    )
+
+
+def _link(page: str) -> str:
+    return page if page == "-" else Markup(f'<a href="{escape(page)}">{escape(page)}</a>')
+
+
+def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
+    frequency, damping = figure.subplots(1, 2, sharey=True)
+    for name, b in backbones.items():
+        sure = b.certain
+        for ax, read in ((frequency, b.frequency / (2 * np.pi)), (damping, 100 * b.damping_ratio)):
+            (dots,) = ax.plot(read[sure], b.amplitude[sure], ".", ms=3, label=name)
+            tell(dots, *(f.at(sure) for f in of_cycles(b)))
+    units = sorted({b.unit or "unit of q" for b in backbones.values()})
+    frequency.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", ", ".join(units)))
+    damping.set(xlabel="damping ratio (%)")
+    frequency.set_ylim(0, None)
+    frequency.xaxis.set_major_locator(MaxNLocator(5))
+    figure.legend(
+        handles=frequency.lines,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize="small",
+    )

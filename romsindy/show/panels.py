@@ -15,18 +15,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from romsindy.fit.curve import Curve
-from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced_band import ForcedBand
-from romsindy.fit.small_vibrations import SmallVibration
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
+from romsindy.fit.results.curve import Curve
+from romsindy.fit.results.estimate import Band, Estimate
+from romsindy.fit.results.forced_band import ForcedBand
+from romsindy.fit.results.small_vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
+from romsindy.regression.judged import Beside
 from romsindy.show import plots
 from romsindy.show.axes import with_unit
-from romsindy.show.beside import Beside
 from romsindy.show.compared import (
     Compared,
     Density,
@@ -36,10 +36,9 @@ from romsindy.show.compared import (
     spectrum_of,
 )
 from romsindy.show.function_plots import plot_inertia, plot_parts, plot_stiffness
-from romsindy.show.identified import Identified, levels_of
+from romsindy.show.identified import Identified, levels_of, tables
 from romsindy.show.page import Picture, write_page
 from romsindy.show.plots import plot_branch, plot_forced_response
-from romsindy.show.tables import tables
 
 _INCHES = 3.4  # height of one coordinate of several
 _ROW = 1.5  # the same of a row over time

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from romsindy.fit.estimate import Band, Estimate, curves_near
-from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced_band import ForcedBand
-from romsindy.fit.record import Prepared, one_a_decay
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
+from romsindy.fit.kernel.prepared import Prepared, one_a_decay
+from romsindy.fit.results.estimate import Band, Estimate, curves_near
+from romsindy.fit.results.fitted import Fit
+from romsindy.fit.results.forced_band import ForcedBand
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits, linear_mode
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
@@ -393,7 +393,7 @@ def _symbol(key: str) -> str:
 # -- cycles of measured decays, and curves of models beside them -----------------------------------
 
 
-Models = Mapping[str, AnyModel | Estimate | Band]
+Models = Mapping[str, Equations | Estimate | Band]
 # Amplitudes, curve, its band if any, and its look.
 Curve = tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]
 

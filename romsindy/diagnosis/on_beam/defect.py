@@ -14,21 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import Beam, NoEquilibriumError
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
-from romsindy.diagnosis.on_beam.mounted import BeamEffect
-from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, changes_of
-from romsindy.fit.collocation import integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
+from romsindy.fit.kernel.collocation import integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import MOVING
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -38,7 +36,6 @@ from romsindy.typing import Array
 
 # A cycle is left out that differs by so many times the median of so many later ones.
 _RESTLESS, _NEXT = 1.3, 8
-
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
@@ -130,29 +127,6 @@ class Corrected(NamedTuple):
     release: ReleaseLoad
 
 
-def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
-    """Parts that exist on a beam and are there."""
-    return tuple(p for p in parts if isinstance(p.effect, BeamEffect) and np.any(p.strengths))
-
-
-def effects_of(parts: Sequence[Part]) -> list[Any]:
-    """What `Beam.with_effect` takes, of some parts."""
-    there = on_the_beam(parts)
-    own = [p for p in there if not isinstance(p.effect, ParameterDirection)]
-    return changes_of(there) + [p.effect.on_beam(float(p.strengths[0, 0])) for p in own]
-
-
-def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
-    """The beam with the effects of some parts.
-
-    Raises a NoEquilibriumError if there can be no such beam.
-    """
-    try:
-        return reduce(Beam.with_effect, effects_of(parts), beam)
-    except ValueError as error:
-        raise NoEquilibriumError(f"there is no such beam: {error}") from error
-
-
 def corrected(
     seen: InstrumentedBeam,
     model: ReducedModel,
@@ -173,7 +147,7 @@ def corrected(
     beam = beam_with(seen.beam, parts)
     smooth = smooth or record
     start = start_of(model, parts, smooth)
-    equation = ExtendedEquation(model, parts, 0, record.motion.grid.step, record.clock)
+    equation = equation_of(model, parts, 0, record)
     reduced = integrate(equation, np.array(start), record.motion.grid)
     own = decay.between(record.decay.t[0])
     if release is None:

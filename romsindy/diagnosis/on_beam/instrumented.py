@@ -9,10 +9,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from romsindy.beam import Beam, Shape, StaticCurve
 from romsindy.beam.assembly import factorise, solve
-from romsindy.beam.equilibrium import ModalBasis, hold
+from romsindy.beam.beam import Beam
+from romsindy.beam.equilibrium import ModalBasis, Shape, hold
 from romsindy.beam.motion import History, SensorArray
+from romsindy.beam.static_shapes import StaticCurve
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
 from romsindy.record.units import parse_unit

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from romsindy.beam import StaticCurve
+from romsindy.beam.static_shapes import StaticCurve
 from romsindy.beam.structure import springs_of
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect

@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import FREE, Beam, StaticCurve, changes
-from romsindy.beam.structure import springs_of
+from romsindy.beam import changes
+from romsindy.beam.beam import Beam
+from romsindy.beam.static_shapes import StaticCurve
+from romsindy.beam.structure import FREE, springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.effects.base import TermEffect

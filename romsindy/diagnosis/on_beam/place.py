@@ -17,15 +17,15 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points
 from romsindy.effects.base import State
 from romsindy.effects.mounting import AtPoint, PointMass
-from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
 

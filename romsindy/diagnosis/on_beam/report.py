@@ -10,19 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import Advice
-from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
-from romsindy.diagnosis.on_beam.within_tolerances import Adjusted, adjusted, in_words
+from romsindy.diagnosis.on_beam.within_tolerances import (
+    Adjusted,
+    adjusted,
+    beam_with,
+    effects_of,
+    in_words,
+)
 from romsindy.diagnosis.report import DiagnosisReport, Written
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.fit.part import Part
+from romsindy.fit.kernel.part import Part
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
@@ -95,7 +100,6 @@ class BeamReport(Written):
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the explanations that the data do not tell apart, best first."""
         return self.reduced.equivalent
 
     @property
@@ -169,7 +173,6 @@ class BeamReport(Written):
         return words.over_sensors(rest, gap, kind, worst.label, worst.after)
 
     def table(self) -> list[list[str]]:
-        """Rows of text: every explanation that the data allow, with its values."""
         return self.reduced.table()
 
     def sensor_table(self) -> list[list[str]]:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, cast
 
 import numpy as np
 
+from romsindy.beam.beam import Beam
+from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
@@ -23,8 +25,8 @@ from romsindy.diagnosis.screening import screen
 from romsindy.effects import Gain
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
-from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
@@ -221,3 +223,26 @@ def in_words(found: Sequence[Adjusted]) -> str:
     most = sorted(found, key=lambda a: -abs(a.change / a.tolerance))[:3]
     moved = [str(replace(a, alone=a.change)) for a in most]
     return f"Within the tolerances several moved together: {', '.join(moved)}, most of all."
+
+
+def effects_of(parts: Sequence[Part]) -> list[Any]:
+    """What `Beam.with_effect` takes, of some parts."""
+    there = on_the_beam(parts)
+    own = [p for p in there if not isinstance(p.effect, ParameterDirection)]
+    return changes_of(there) + [p.effect.on_beam(float(p.strengths[0, 0])) for p in own]
+
+
+def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
+    """The beam with the effects of some parts.
+
+    Raises a NoEquilibriumError if there can be no such beam.
+    """
+    try:
+        return reduce(Beam.with_effect, effects_of(parts), beam)
+    except ValueError as error:
+        raise NoEquilibriumError(f"there is no such beam: {error}") from error
+
+
+def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """Parts that exist on a beam and are there."""
+    return tuple(p for p in parts if isinstance(p.effect, BeamEffect) and np.any(p.strengths))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.effects.drive import Drive, DriveAlong
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared
-from romsindy.physics.coupled import AnyModel
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
@@ -30,10 +30,7 @@ def inputs_in(
 ) -> tuple[Input, ...]:
     """Inputs of records, those of a name once.
 
-    Raises
-    ------
-    ValueError
-        If one has two units.
+    Raises a ValueError if one has two units.
     """
     found: dict[str, Input] = {}
     for v in vibrations:
@@ -48,7 +45,7 @@ def inputs_in(
     return tuple(found.values())
 
 
-def drives_of(model: AnyModel, records: Sequence[Prepared]) -> tuple[Part, ...]:
+def drives_of(model: Equations, records: Sequence[Prepared]) -> tuple[Part, ...]:
     """Parts of the inputs of a model with free gains and delays, from its own on.
 
     Of several coordinates an input has one delay, and a gain along each of its directions.

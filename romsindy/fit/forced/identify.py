@@ -1,4 +1,7 @@
-"""The equations of forced vibrations from their records: the terms they need, and their values."""
+"""The equations of driven records: the terms they need, and their values.
+
+Terms are chosen by what each gains on stretches of the records that are left out in turn.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +10,44 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.choice_error import with_choice_error
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_terms import KINDS, linear_terms
-from romsindy.fit.coupled_terms import candidates as coupled_candidates
-from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced.between_samples import ways
+from romsindy.effects.choices import KINDS, sought
+from romsindy.effects.choices import candidates as coupled_candidates
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
+from romsindy.fit.choice.selection import Gram, Linearised, Trials, dragged
 from romsindy.fit.forced.drives import inputs_in
-from romsindy.fit.forced.modes import mode_beside, modes_of
 from romsindy.fit.forced.refine import Look, decided
-from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
-from romsindy.fit.measured import (
-    driven_among,
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
+from romsindy.fit.kernel.gauss_newton import linear_table
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.kernel.part import LINEAR, Coefficient
+from romsindy.fit.records.arguments import (
     free_names,
     listed_records,
     require_known,
     require_unit,
     small_frequencies,
 )
-from romsindy.fit.selection import Linearised
-from romsindy.fit.signs import stand_ins
+from romsindy.fit.records.between_samples import ways
+from romsindy.fit.records.modes import mode_beside, modes_of
+from romsindy.fit.results.fitted import Fit, with_choice_error
+from romsindy.fit.results.signs import stand_ins
 from romsindy.fit.verdict import WIDEST_SIGNAL
-from romsindy.physics.equations import inputs_of, without_inputs
+from romsindy.physics.coupled import linear_terms
+from romsindy.physics.equations import Equations, inputs_of, without_inputs
+from romsindy.physics.inertia import Inertia
 from romsindy.physics.input import Input
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.prediction import innovation
+from romsindy.record.recording import Given
 from romsindy.record.ringing import require_channels
 from romsindy.text import percent
+from romsindy.typing import Array
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
+_STRETCHES = 8  # in all, each left out in turn
 
 
 def identify_forced(
@@ -48,43 +58,16 @@ def identify_forced(
     fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Identify the equations of motion from records with measured inputs.
+    """Identify the equations of motion from records with measured inputs, and decays beside them.
 
-    Coefficients, gain and delay of each input, offsets of the sensors and initial states are
-    fitted by simulation over the whole records. Terms are chosen by what each gains on stretches
-    that took no part. What the input does between its samples is decided by the records, unless
-    they say it.
-
-    Parameters
-    ----------
-    records : ForcedVibration or sequence of ForcedVibration and Decay
-        At least one with an input; decays are fitted together with it.
-    order : int
-        Highest order of the candidates for stiffness and inertia of one coordinate.
-    coordinates : int or "auto"
-        How many modes are modelled, or as many as the inputs move. One in one channel is a
-        `ReducedModel`.
-    fixed : mapping, optional
-        Known coefficients, in the unit of the records and seconds.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Returns
-    -------
-    Fit
-        As `refine` gives it; the last terms of its model are the inputs.
-
-    Raises
-    ------
-    ValueError
-        For no input, units that differ, an order below 1, names or values in ``fixed`` that
-        cannot be, fewer modes than coordinates, or an input that looks like the displacement of
-        the base.
-    TrajectoryError
-        If no motion of the model follows the measured one.
+    Coefficients, gain and delay of each input, offsets of the sensors and initial states are fitted
+    by simulation over the whole records. Terms are chosen by what each gains on stretches that took
+    no part. What the input does between its samples is decided by the records, unless they say it.
+    Arguments as those of `romsindy.identify`; the last terms of the model are the inputs. An input
+    that looks like the displacement of the base is refused.
     """
     several, known = listed_records(records), dict(fixed or {})
-    driven = driven_among(several)
+    driven = Given.of(several).driven
     if not driven:
         raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
     require_unit(several, several[0].unit)
@@ -212,3 +195,94 @@ class _TermSearch:
         model = self.look.model(own, inputs, self.fixed)
         names = free_names(without_inputs(model), self.fixed)
         return self.look.fit(names, model)
+
+
+def linear_of(model: Equations) -> tuple[Term, ...]:
+    """Stiffness and damping that always take part."""
+    return linear_terms(model.n_coordinates) if model.numbered else LINEAR
+
+
+def stiffness_to(order: int) -> list[Term]:
+    """Powers of the displacement from the second to this one.
+
+    Raises a ValueError if the order is below 1.
+    """
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 1:
+        raise ValueError(f"order = {order!r} must be a whole number, 1 or more")
+    return [Stiffness(m) for m in range(2, order + 1)]
+
+
+def candidates(order: int) -> tuple[Term, ...]:
+    """Stiffness and inertia up to an order, and damping."""
+    stiffness = stiffness_to(order)
+    inertia = [Inertia(k) for k in range(3, order + 1)]
+    return (*stiffness, *sought("driven"), *inertia)
+
+
+def needed_terms(
+    fit: Fit, motions: Sequence[Trajectory], several: Sequence[Term]
+) -> tuple[Term, ...]:
+    """Those of several terms that are needed beside the linear ones, about motions near a fit."""
+    found = linearised(fit, motions, several)
+    chosen = {found.name(g) for g in found.trials.chosen([])}
+    return tuple(t for t in several if t.key in chosen)
+
+
+def linearised(
+    fit: Fit, motions: Sequence[Trajectory], several: Sequence[Term], *, left_out: bool = True
+) -> Linearised:
+    """All of several terms beside the linear ones, about motions near the records of a fit.
+
+    Inputs, mode shapes and offsets are fitted beside any choice, as initial states are. What the
+    fit holds fixed stays. Stretches are ``left_out`` in turn, or all data are one part.
+    """
+    model = without_inputs(fit.model)
+    more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
+    present = model.coefficients
+    others = tuple(t for t in several if t.key not in present)
+    wide = replace(
+        model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
+    )
+    always = [t for t in linear_of(model) if t.key in fit.free]
+    terms = tuple({t.key: t for t in (*always, *several)}.values())
+    at = np.array([wide.coefficients[t.key] for t in terms])
+    wide, own = free_parts(wide, [t.key for t in terms], fit.records)
+    parts = (*own, *more)
+    tables = [
+        record.by_channel(linear_table(wide, parts, i, record, motion)[1])
+        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
+    ]
+    total, grams = sum(table.shape[1] for table in tables), []
+    for table in tables:
+        pieces = max(round(_STRETCHES * table.shape[1] / total), 2)
+        driven = np.concatenate([innovation(left)[0] for left in _left(table)])
+        rows = table.swapaxes(0, 1).reshape(-1, table.shape[2])  # all channels of a time together
+        grams += _stretches(rows / float(np.sqrt(np.mean(driven**2))), at, pieces)
+    groups = dict(enumerate(terms[len(always) :]))
+    trials = Trials.of(
+        grams if left_out else [Gram.sum(grams)],
+        range(len(always)),
+        [[len(always) + g] for g in groups],
+        groups,
+        dragged(list(groups.values()), motions),
+    )
+    return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in present])
+
+
+def _left(table: Array) -> Array:
+    """What a fit of all candidates leaves of the misfit in the last column, (c, n) of (c, n, m)."""
+    rows = table.reshape(-1, table.shape[2])
+    scaled = rows[:, :-1] / np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+    left = rows[:, -1] - scaled @ np.linalg.lstsq(scaled, rows[:, -1], rcond=None)[0]
+    return left.reshape(table.shape[:2])
+
+
+def _stretches(rows: Array, at: Array, pieces: int) -> list[Gram]:
+    """A record in stretches; values beside the coefficients are fitted to all of it first."""
+    m = len(at)
+    nuisance = rows[:, m:-1]
+    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+    basis = np.linalg.svd(nuisance / scale, full_matrices=False)[0]
+    clean = np.column_stack([rows[:, :m], rows[:, -1]])
+    clean = clean - basis @ (basis.T @ clean)
+    return [Gram.of(part, at) for part in np.array_split(clean, pieces)]

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from romsindy.fit.fitted import record_notes
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.sensor import curvature_for
-from romsindy.fit.record import Record
+from romsindy.fit.functions.series import curvature_for
+from romsindy.fit.kernel.prepared import record_notes
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE
 from romsindy.text import percent
 from romsindy.typing import Array

@@ -18,14 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import prior
-from romsindy.fit.functions.cone import nearest
+from romsindy.fit.functions.prior import nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
-from romsindy.fit.linear_response import nodes
-from romsindy.fit.noises import Noises
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.linear_response import nodes
+from romsindy.fit.kernel.noises import Noises
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, EXPLAINED
 from romsindy.typing import Array
 
@@ -150,32 +150,14 @@ def fit(
     jumps: Array = JUMPS,
     progress: Callable[[str], None] | None = None,
 ) -> Fitted:
-    """Fit series to records.
+    """Fit series to records, from starting values and from the motions of some windows.
 
-    Parameters
-    ----------
-    series : Series
-        With starting values.
-    windows : sequence of Window
-        With the motions to start from.
-    records : sequence of Record
-        With the noise to weigh by. Where ``noise`` is not given samples weigh alike, unless no more
-        than the noise is left: what an equation leaves does not have its colour, and may drift.
-    known : (m, p + 1) array
-        Rows for the values, and what they come to, over the error: what is known beforehand.
-    start : Fitted, optional
-        Scales and process noise to start from.
-    noise : float, optional
-        Of the whitened signals; by default as large as the misfit asks for.
-    jumps : array
-        Sizes of process noise to choose from.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Raises
-    ------
-    TrajectoryError
-        If the motion goes astray, or stays far from the records though their noise is given.
+    Where ``noise``, that of the whitened signals, is not given it is as large as the misfit asks
+    for, and samples weigh alike unless no more than their noise is left: what an equation leaves
+    does not have its colour, and may drift. ``known`` (m, p + 1) are rows for the values, and what
+    they come to, over the error. A ``start`` has scales and process noise, ``jumps`` are the sizes
+    of that to choose from. Raises a TrajectoryError if the motion goes astray, or stays far from
+    the records though their noise is given.
     """
     scales = prior.MIDDLE if start is None else start.scales
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump

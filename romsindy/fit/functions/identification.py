@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.curve import (
+from romsindy.fit.functions.series import Structure
+from romsindy.fit.functions.short import Short, shortened
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.curve import (
     Curve,
     Function,
     checked_coordinate,
@@ -19,10 +22,7 @@ from romsindy.fit.curve import (
     inertia_of,
     secant_of,
 )
-from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.functions.short import Short, shortened
-from romsindy.fit.functions.structures import Structure
-from romsindy.fit.record import Record
+from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.orbits.curves import require_mode
 from romsindy.physics.model import ReducedModel
@@ -209,21 +209,13 @@ class Identification(Estimate):
 
     def ends(self) -> list[str]:
         """Structure, then frequency and damping ratio at a small and at a large amplitude."""
-        a = min(map(abs, self.reach)) * np.array([0.1, 0.95])
-        band, unit = self.band(a), self.model.unit or "[q]"
+        unit = self.model.unit or "[q]"
         each = [
             f"{' +- '.join(with_error(f, df))} Hz and {' +- '.join(with_error(z, dz))} % at"
             f" {size:.3g} {unit}"
             if np.isfinite(f)
             else f"no motion at {size:.3g} {unit}"
-            for size, f, df, z, dz in zip(
-                a,
-                band.frequency / (2 * np.pi),
-                band.frequency_std / (2 * np.pi),
-                100 * band.damping_ratio,
-                100 * band.damping_ratio_std,
-                strict=True,
-            )
+            for size, f, df, z, dz in self._along(0.1, 0.95)
         ]
         return [f"{self.structure}.", f"Frequency and damping ratio: {', '.join(each)}."]
 
@@ -245,19 +237,17 @@ class Identification(Estimate):
         return rows
 
     def _amplitude_table(self) -> list[list[str]]:
-        a = min(map(abs, self.reach)) * np.array([0.1, 0.25, 0.5, 0.75, 0.95])
-        band = self.band(a)
         rows = [["amplitude", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]]
-        for x, f, df, z, dz in zip(
-            a,
-            band.frequency / (2 * np.pi),
-            band.frequency_std / (2 * np.pi),
-            100 * band.damping_ratio,
-            100 * band.damping_ratio_std,
-            strict=True,
-        ):
+        for x, f, df, z, dz in self._along(0.1, 0.25, 0.5, 0.75, 0.95):
             rows.append([f"{x:.4g}", *with_error(f, df), *with_error(z, dz)])
         return rows
+
+    def _along(self, *parts: float) -> list[list[float]]:
+        """Amplitudes, as parts of the largest; frequency, Hz, and damping ratio, %, with errors."""
+        band = self.band(min(map(abs, self.reach)) * np.array(parts))
+        frequency = np.stack([band.frequency, band.frequency_std]) / (2 * np.pi)
+        ratio = 100 * np.stack([band.damping_ratio, band.damping_ratio_std])
+        return np.column_stack([band.amplitude, *frequency, *ratio]).tolist()
 
     @cached_property
     def short(self) -> Short:

@@ -9,28 +9,31 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.friction import free_parts
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
-from romsindy.fit.functions.sensor import SensorCurvature
-from romsindy.fit.functions.series import Magnitudes, Series
-from romsindy.fit.functions.structures import (
+from romsindy.fit.functions.series import (
     RICHEST,
+    Magnitudes,
+    SensorCurvature,
+    Series,
     Structure,
     compared,
     contains,
     simpler,
 )
 from romsindy.fit.functions.windows import Window, windows_of
-from romsindy.fit.gauss_newton import fit as fit_states
-from romsindy.fit.measured import prepared, require_known, several_decays
-from romsindy.fit.process_noise import form_of
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.gauss_newton import fit as fit_states
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.records.arguments import require_known, several_decays
+from romsindy.fit.records.measured import prepared
+from romsindy.fit.records.record import Record
+from romsindy.fit.results.predict import form_of
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -56,34 +59,9 @@ def identify_decays(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
-    """Identify stiffness, inertia and damping as functions of q, with bands.
+    """Identify stiffness, inertia and damping of one coordinate as functions of q, with bands.
 
-    Parameters
-    ----------
-    decays : Decay or sequence of Decay
-        One channel each; the free part is used, in the quantity that was measured.
-    fixed : mapping, optional
-        Known coefficients, such as ``{"omega^2": 1482.0}``, in the unit of the decay and seconds.
-    curvature : float
-        How far the sensor may be off a straight line at the largest amplitude, as a part of that:
-        one standard deviation of what is expected of it, from its calibration; 0 where it is
-        straight.
-    seed : int
-        Of the draws behind the bands.
-    progress : callable, optional
-        Called with a line of text at every step.
-
-    Returns
-    -------
-    Identification
-
-    Raises
-    ------
-    ValueError
-        For no decays, another unit, a decay given twice, a seed that is no whole number, a
-        curvature that is no part of 1, or names or values in ``fixed`` that cannot be.
-    TrajectoryError
-        If no motion of the equation follows the measured one.
+    Arguments as those of `romsindy.identify`; decays have one channel each.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")

@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 from scipy.special import ndtr, ndtri
 
 from romsindy.fit.functions import prior
-from romsindy.fit.functions.cone import constraints, lifted
 from romsindy.fit.functions.evidence import Fitted
+from romsindy.fit.functions.prior import constraints, lifted
 from romsindy.typing import Array
 
 _EACH = 8  # draws for each set of scales

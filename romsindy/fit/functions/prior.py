@@ -1,7 +1,7 @@
-"""How smooth the functions of an equation are: Gaussian processes with scales of their own.
+"""What is known of the functions of an equation before the data speak: smooth, no inertia below 0.
 
-What a function of q is before the data speak: a trend that may be anything (a constant, a slope, a
-parabola) and a departure from it, with correlation
+Smooth: Gaussian processes with scales of their own, a trend that may be anything (a constant, a
+slope, a parabola) and a departure from it, with correlation
 
     size^2 (1 + d) exp(-d),  d = sqrt(3) |z - z'| / length       (Matern, once differentiable [1])
 
@@ -10,6 +10,8 @@ smaller by a factor. Size, length and asymmetry of each function follow from the
 (`romsindy.fit.functions.evidence`): terms that the data do not support shrink to nothing, and no
 order has to be chosen. The process is once differentiable only: the shrinkage of high
 orders stays mild, so that features that are sharper than the rest are not smoothed away.
+
+The inertia is nowhere negative on the range of the data: values keep to a cone of series.
 
 [1] C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, sections
     4.2 (kernels), 2.7 (trend) and 5.4 (scales from the marginal likelihood).
@@ -22,6 +24,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.linalg import block_diag
+from scipy.optimize import nnls
 
 from romsindy.fit.functions.series import Series
 from romsindy.typing import Array
@@ -38,6 +41,7 @@ MIDDLE = np.log([(size, 1.0, 0.3) for size in _SIZES]).ravel()
 SPREAD = np.tile([2.0, 0.7, 1.0], 3)
 LOW = np.tile(np.log([1e-6, 0.2, 0.01]), 3)
 HIGH = np.tile(np.log([10.0, 5.0, 1.5]), 3)
+_PLACES = 81  # where h >= 0 is asked for
 
 
 def factor(series: Series, scales: Array) -> Array:
@@ -76,3 +80,39 @@ def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[fl
 def _matern(distance: Array) -> Array:
     d = np.sqrt(3) * distance
     return np.asarray((1 + d) * np.exp(-d))
+
+
+def constraints(series: Series) -> tuple[slice, Array]:
+    """Where the values of the inertia are, and h / z^2 at many places for each of them."""
+    n_k, n_r, _ = series.sizes
+    z = np.cos(np.linspace(0, np.pi, _PLACES))
+    return slice(n_k, n_k + n_r), chebyshev.chebvander(z, max(n_r - 1, 0))
+
+
+def nearest(series: Series, mean: Array, root: Array) -> Array:
+    """The most probable of mean + root x, x standard normal, that lie in the cone.
+
+    Least distance by non-negative least squares: C. L. Lawson, R. J. Hanson, "Solving Least Squares
+    Problems", 1974, chapter 23.
+    """
+    inertia, places = constraints(series)
+    if not series.sizes.inertia or np.all(places @ mean[inertia] >= 0):
+        return mean
+    slope, missing = places @ root[inertia], -places @ mean[inertia]
+    size = np.linalg.norm(slope, axis=1)
+    if not (np.all(np.isfinite(mean)) and np.all(size > 0)):
+        return mean  # there is no motion: nothing is to be mended
+    table = np.vstack([slope.T / size, missing / size])
+    aim = np.append(np.zeros(len(mean)), 1.0)
+    rest = table @ nnls(table, aim, maxiter=50 * _PLACES)[0] - aim
+    if not rest[-1] < 0:
+        return mean  # so far off that no digits are left
+    return np.asarray(mean - root @ (rest[:-1] / rest[-1]))
+
+
+def lifted(r: Array) -> Array:
+    """A Chebyshev series that dips below 0 between the places by a trace, lifted to 0."""
+    roots = chebyshev.chebroots(chebyshev.chebder(r)) if len(r) > 2 else np.zeros(0)
+    inner = roots.real[(np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) < 1)]
+    least = np.min(chebyshev.chebval(np.r_[-1.0, 1.0, inner], r))
+    return np.append(r[0] + max(-least, 0.0), r[1:])

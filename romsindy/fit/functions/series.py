@@ -10,6 +10,11 @@ Damping proportional to mass follows the inertia: alpha (1 + h). What the materi
 eta S(q) with S the rates of strain along the motion, is a smooth function of q in the rest.
 Orthogonal polynomials on the range of the data keep high orders well conditioned; Taylor
 coefficients are read off them (`Series.taylor`).
+
+A sensor shows y = x + e x^2 / x_max + offset of the quantity x that it measures. A curvature e is
+no inertia and no stiffness, but makes a second harmonic as these do: it is fitted beside them, with
+what is expected of such a sensor as its prior. A cube is not tried: of one coordinate q read as y =
+r(q) nothing tells (dq/dy)^2 - 1 from inertia (`curvature_for`).
 """
 
 from __future__ import annotations
@@ -17,20 +22,66 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from romsindy.fit.functions.sensor import STRAIGHT, SensorCurvature
-from romsindy.fit.linear_steps import Linearisation
+from romsindy.fit.kernel.linear_steps import Linearisation
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.damping import PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
+from romsindy.physics.validation import made, several, whole
 from romsindy.typing import Array
 
+_OFFSET = 0.1  # of the largest reading: no record is so far off its zero
 _SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
+_STIFFNESS = {True: "stiffness polynomial", False: "linear"}
+
+
+class SensorCurvature(NamedTuple):
+    """What is not known of the sensor."""
+
+    # Standard deviation of e: what the sensor is expected to be off a straight line at the largest
+    # amplitude, as a part of that; 0 of one that is straight
+    curvature: float
+    n_records: int  # each has an offset of its own
+
+    @property
+    def size(self) -> int:
+        """Number of its values: e, then the offset of each record."""
+        return 1 + self.n_records
+
+    @property
+    def spread(self) -> list[float]:
+        """Standard deviations of its values."""
+        return [self.curvature, *[_OFFSET] * self.n_records]
+
+    def shown(self, values: Array, x: Array, largest: float, record: int) -> tuple[Array, Array]:
+        """What it shows of a motion x (n,), and the slope of that, (n,)."""
+        e, offset = values[0], values[1 + record]
+        return x + e * x * x / largest + offset * largest, 1 + 2 * e * x / largest
+
+    def by_value(self, x: Array, largest: float, record: int) -> Array:
+        """Derivatives of what is shown by its values, (n, size)."""
+        slopes = np.zeros((len(x), self.size))
+        slopes[:, 0], slopes[:, 1 + record] = x * x / largest, largest
+        return slopes
+
+
+STRAIGHT = SensorCurvature(0.0, 1)
+
+
+def curvature_for(q: Array, h: Array) -> float:
+    """How much less than q a sensor must show at the end of a range to look like inertia h there.
+
+    q and h (n,) go from 0 to the end. As a part of the last q: a straight sensor of an oscillator
+    without inertia shows int sqrt(1 + h) dq where this one shows q.
+    """
+    straight = np.trapezoid(np.sqrt(1 + h), q)
+    return float((straight - q[-1]) / straight)
 
 
 class Sizes(NamedTuple):
@@ -250,3 +301,71 @@ def _to_powers(n: int) -> Array:
     for i in range(n):
         rows[i, : i + 1] = chebyshev.cheb2poly(np.eye(n)[i])[: i + 1]
     return rows
+
+
+# So many polynomials resolve features down to a tenth of the range; the prior decides how many
+# count. The inertia is smoother than the stiffness, of which it is a sum of squared slopes.
+RICHEST = Sizes(stiffness=17, inertia=11, damping=8)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which functions an equation has, and what the data say of it."""
+
+    sizes: Sizes
+    forces: tuple[str, ...] = ()  # names of further damping forces
+    log_evidence: float = 0.0  # over that of the best structure, 0 or less
+
+    @classmethod
+    def from_content(cls, name: str, value: Any) -> Structure:
+        """Read what `dataclasses.asdict` wrote, after JSON, from where messages say it stands."""
+        return made(cls, name, value, {"Sizes": _sizes})
+
+    @property
+    def name(self) -> str:
+        """ "linear", "stiffness polynomial" or "IC-ROM"."""
+        return "IC-ROM" if self.sizes.inertia else _STIFFNESS[self.sizes.stiffness > 1]
+
+    @property
+    def damping(self) -> str:
+        """What its damping is."""
+        follows = " that follows the inertia" if self.sizes.inertia else ""
+        kind = "damping a function of q" if self.sizes.damping else f"linear damping{follows}"
+        return ", ".join([kind, *self.forces])
+
+    @property
+    def equivalent(self) -> bool:
+        """Whether the data cannot tell it from the best."""
+        return -2 * self.log_evidence <= EQUIVALENT
+
+    def __str__(self) -> str:
+        return f"{self.name}, {self.damping}"
+
+
+def _sizes(name: str, value: Any) -> Sizes:
+    sizes = several(whole)(name, value)
+    if len(sizes) != 3 or min(sizes) < 0:
+        raise ValueError(f"{name} = {list(sizes)!r:.60} must be three numbers of at least 0")
+    return Sizes(*sizes)
+
+
+def simpler(series: Series) -> list[Series]:
+    """The same equation with fewer functions, from all but the whole down to a linear one."""
+    whole = series.sizes
+    sizes = [
+        Sizes(stiffness, inertia, damping)
+        for stiffness, inertia in ((whole.stiffness, whole.inertia), (whole.stiffness, 0), (1, 0))
+        for damping in (whole.damping, 0)
+    ]
+    return [series.narrowed(s) for s in sizes[1:]]
+
+
+def contains(more: Sizes, less: Sizes) -> bool:
+    """Whether one structure has all functions of another."""
+    return all(a >= b for a, b in zip(more, less, strict=True))
+
+
+def compared(structures: Sequence[Structure]) -> tuple[Structure, ...]:
+    """The same with their evidence over that of the best."""
+    best = max(s.log_evidence for s in structures)
+    return tuple(replace(s, log_evidence=s.log_evidence - best) for s in structures)

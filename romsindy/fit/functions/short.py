@@ -50,27 +50,15 @@ class Followed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Short:
-    """An equation of few terms, or the linear one.
-
-    Attributes
-    ----------
-    model : ReducedModel
-    bands : dict
-        95 % interval of each coefficient that was fitted, by its name.
-    follows : bool
-        Whether few terms follow the functions; else the model is linear.
-    frequency, damping : Followed
-        Of the few terms that come nearest, as parts of the largest frequency and damping ratio.
-    amplitude : float
-        Up to which they were compared, unit of q.
-    """
+    """An equation of few terms, or the linear one."""
 
     model: ReducedModel
-    bands: dict[str, tuple[float, float]]
-    follows: bool
+    bands: dict[str, tuple[float, float]]  # 95 %, of each coefficient that was fitted, by its name
+    follows: bool  # whether few terms follow the functions; else the model is linear
+    # Of the few terms that come nearest, as parts of the largest frequency and damping ratio
     frequency: Followed
     damping: Followed
-    amplitude: float
+    amplitude: float  # up to which they were compared, unit of q
 
 
 class _Target(NamedTuple):
@@ -163,18 +151,10 @@ def shortened(
     reach: tuple[float, float],
     fixed: Mapping[str, float],
 ) -> Short:
-    """Few terms that follow a model.
+    """Few terms that follow a model with as many as its functions need.
 
-    Parameters
-    ----------
-    model : ReducedModel
-        With as many terms as its functions need.
-    draws : sequence of ReducedModel
-        That may be true as well.
-    reach : (float, float)
-        Least and largest q of the data.
-    fixed : mapping
-        Coefficients that are known.
+    ``draws`` may be true as well, ``reach`` is the least and the largest q of the data, ``fixed``
+    coefficients are known.
     """
     a = _PLACES * min(map(abs, reach))
     q = np.concatenate([_PLACES[1::2] * end for end in reach])

@@ -3,8 +3,9 @@
 The windows of `romsindy.fit.functions.windows` depart by a part of their amplitude. A force that is
 not known moves a quiet motion as much as a loud one, at every step. Its intensity and the noise of
 the sensor, with its colour, are those of the largest likelihood in what one simulation leaves
-(`romsindy.fit.noises`); values are weighed by both, and the motion is the one that such forces move
-as is most likely. What one simulation leaves then must go with no function of its motion.
+(`romsindy.fit.kernel.noises`); values are weighed by both, and the motion is the one that such
+forces move as is most likely. What one simulation leaves then must go with no function of its
+motion.
 """
 
 from __future__ import annotations
@@ -16,16 +17,23 @@ from itertools import count
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
-from romsindy.fit.forced.independence import Force, Tried, forces_alone, independence, judged
-from romsindy.fit.functions.cone import nearest
+from romsindy.fit.adequacy.independence import (
+    Force,
+    Tried,
+    examine_forced,
+    forces_alone,
+    independence,
+    judged,
+)
+from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
+from romsindy.fit.functions.prior import nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Linear, Window, block, root, windows_of
-from romsindy.fit.linear_response import respond, sampled
-from romsindy.fit.noises import TwoNoises, found_noises, steady
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.linear_response import respond, sampled
+from romsindy.fit.kernel.noises import TwoNoises, found_noises, steady
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import FADES, SMALLER
 from romsindy.typing import Array
 
@@ -78,10 +86,7 @@ def weighed(start: Fitted) -> Fitted | None:
 
     None where there is no such force, or one that is not the same all along.
 
-    Raises
-    ------
-    TrajectoryError
-        If no motion follows the records.
+    Raises a TrajectoryError if no motion follows the records.
     """
     for _ in range(_ROUNDS):
         series, ways = _near(start.series, start.records), simulated(start, start.series.values)
@@ -107,10 +112,7 @@ def _whole(number: int, motion: Trajectory) -> Window:
 def again(start: Fitted, series: Series) -> Fitted:
     """Fit a like series by the noises of another fit.
 
-    Raises
-    ------
-    TrajectoryError
-        If its motion goes astray.
+    Raises a TrajectoryError if its motion goes astray.
     """
     now = replace(start, series=series, noise=1.0, jump=float(JUMPS[0]), converged=False)
     for _ in range(_STEPS):

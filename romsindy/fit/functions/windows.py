@@ -7,7 +7,7 @@ before by a jump that is allowed: process noise. Without it this is the fit of o
 whole record (output error); with much of it, one of equations window by window (equation error).
 How much there is follows from the data (`romsindy.fit.functions.evidence`). This is weak-constraint
 data assimilation [1], linearised about the smoothed measurement, whose phase is right from the
-beginning (`romsindy.fit.linear_response`).
+beginning (`romsindy.fit.kernel.linear_response`).
 
 [1] Y. Tremolet, "Accounting for an imperfect model in 4D-Var", Q. J. R. Meteorol. Soc. 132 (2006).
 """
@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from romsindy.fit.collocation import Trajectory
 from romsindy.fit.functions.series import Series
-from romsindy.fit.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.record import Record
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.records.record import Record
 from romsindy.typing import Array, Indices
 
 
@@ -210,17 +210,10 @@ def reduced(
 ) -> Reduced:
     """Eliminate the starts of all windows.
 
-    Parameters
-    ----------
-    several : sequence of Linear
-    rate : float
-        Angular frequency of the motion, rad/s.
-    noise : float
-        Of the whitened signals, 1 where their noise is as known.
-    jump : float
-        Standard deviation of process noise from window to window, as a part of the amplitude.
-    known : (m, p + 1) array
-        Further rows for the values: what is known beforehand, over its error.
+    ``rate`` is the angular frequency of the motion, rad/s, ``noise`` that of the whitened signals
+    (1 where it is as known), ``jump`` the standard deviation of process noise from window to
+    window, as a part of the amplitude; ``known`` (m, p + 1) are further rows for the values, over
+    their error.
     """
     cost, starts, rows = 0.0, [], [known]
     for linear in several:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from romsindy.effects.choices import sought
-from romsindy.fit.selection import Gram, Linearised, Trials
+from romsindy.fit.choice.selection import Gram, Linearised, Trials
 from romsindy.fit.steady.balance import CHAIN, linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, solve
@@ -75,9 +75,7 @@ def every_choice(
     grams = [Gram.of(np.sqrt(counted) * table[part == i], at) for i in np.unique(part)]
     groups = [i for i, n in enumerate(names) if n not in (_ALWAYS.key, "gain", "phase")]
     always = [i for i in range(len(names)) if i not in groups]
-    damping = [g for g, law in enumerate(_LAWS) if law.has("damping")]
-    least = {g: _LAWS[g].least for g in damping}
-    trials = Trials(grams, always, [[i] for i in groups], least, damping)
+    trials = Trials.of(grams, always, [[i] for i in groups], dict(enumerate(_LAWS)), {})
     present = [g for g, i in enumerate(groups) if names[i] in found.free]
     return Linearised(trials, (), laws, present, tuple(chain))
 

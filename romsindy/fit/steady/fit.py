@@ -26,15 +26,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from romsindy.fit.choice_error import counting_choice
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.forced_band import ForcedBand, forced_band
+from romsindy.fit.choice.choice_error import counting_choice
+from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.independence import verdict_of, with_spread
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.told import between_levels, notes_on
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
@@ -284,7 +285,7 @@ def _positive(force: float) -> float:
 
 
 def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
-    if not isinstance(model, ReducedModel):
+    if not isinstance(model, Equations) or model.numbered:
         raise ValueError(
             f"model is {type(model).__name__}: give a ReducedModel, or None to have it chosen"
         )

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from romsindy.effects.choices import sought
-from romsindy.fit.steady.adequacy import SteadyAdequacy
+from romsindy.fit.adequacy.together import tell_together
+from romsindy.fit.adequacy.verdicts import SteadyAdequacy
 from romsindy.fit.steady.balance import CHAIN, Rows, linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, without_neighbours
-from romsindy.fit.together import tell_together
 from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.model import ReducedModel

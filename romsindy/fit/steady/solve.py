@@ -100,10 +100,7 @@ def solve(
 ) -> SteadySolution:
     """Fit the free coefficients, and what is not given of the `CHAIN`.
 
-    Raises
-    ------
-    ValueError
-        If points do not determine the parameters, or no balance is found near them.
+    Raises a ValueError if points do not determine the parameters, or no balance is found near them.
     """
     given = (gain, slope, phase if points.phased else 0.0)
     names = (*free, *(name for name, value in zip(CHAIN, given, strict=True) if value is None))
@@ -251,10 +248,7 @@ def start(
 ) -> tuple[ReducedModel, Chain]:
     """One harmonic, as measured: linear in the coefficients and in gain exp(i phase).
 
-    Raises
-    ------
-    ValueError
-        If the points do not determine them.
+    Raises a ValueError if the points do not determine them.
     """
     if not points.phased:
         points = replace(points, q=_guessed(points)[:, None], phased=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.fit.coefficient import LINEAR
-from romsindy.fit.form import KNOWN, wider
+from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, without_neighbours

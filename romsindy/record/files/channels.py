@@ -16,8 +16,7 @@ import numpy as np
 from scipy.io import wavfile
 
 from romsindy.record.files.columns import Column, Table, library, named, refused
-from romsindy.record.recording import Quantity
-from romsindy.record.sampling import as_floats, as_seconds
+from romsindy.record.recording import Quantity, as_floats, as_seconds
 from romsindy.record.units import RATES, UNITS, spelled
 from romsindy.typing import Array
 

@@ -13,8 +13,7 @@ import numpy as np
 from romsindy.record.files.columns import Column, Table
 from romsindy.record.forced import ONE_CLOCK
 from romsindy.record.interpolation import is_base, require_input
-from romsindy.record.recording import Quantity
-from romsindy.record.sampling import require_increasing
+from romsindy.record.recording import Quantity, require_increasing
 from romsindy.record.units import TIMES, UNITS, force_unit, parse_input_unit, parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array
@@ -163,10 +162,7 @@ def _seconds(clock: Column) -> Array:
 def checked_times(t: Array) -> None:
     """Refuse times that are missing or do not increase.
 
-    Raises
-    ------
-    ValueError
-        The message names the row, and the remedy.
+    Raises a ValueError the message names the row, and the remedy.
     """
     bad = np.flatnonzero(~np.isfinite(t))
     if len(bad):

@@ -19,10 +19,9 @@ from romsindy.record.files.choose import input_columns, inputs_among, samples_of
 from romsindy.record.files.columns import Column, Table
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
-from romsindy.record.forced import ForcedVibration
+from romsindy.record.forced import ForcedVibration, recorded_input
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording
-from romsindy.record.sampling import part_between
+from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording, part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array
@@ -307,7 +306,7 @@ def _recording(
 def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
     """What the inputs beside a recording do within it."""
     part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
-    return tuple(RecordedInput.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
+    return tuple(recorded_input(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:

@@ -80,10 +80,7 @@ def read(path: Path) -> Table:
 def parse(source: Path, stream: TextIO) -> Table:
     """Columns of a stream of text that can be rewound.
 
-    Raises
-    ------
-    ValueError
-        As `read`.
+    Raises a ValueError as `read`.
     """
     head = _head(source, stream)
     layouts = [found for dialect in _DIALECTS if (found := _layout(head, *dialect))]

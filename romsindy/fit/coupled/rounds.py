@@ -1,0 +1,303 @@
+"""Choose terms of several coordinates and fit them, round after round, until the choice stays.
+
+The first rounds look at short pieces of the records, which become longer
+(`romsindy.fit.kernel.pieces`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.effects.choices import Kind, candidates
+from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.independence import Independence, by_noises, of_decays, told
+from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.choice.selection import needed
+from romsindy.fit.coupled.choice import Choice, Stage, choose
+from romsindy.fit.kernel.hypothesis import free_parts
+from romsindy.fit.kernel.part import Solution, extended
+from romsindy.fit.kernel.pieces import fit_pieces, lengths, moved
+from romsindy.fit.records.coupled import CoupledRecord, curved_shapes
+from romsindy.fit.verdict import EXPLAINED, TERM
+from romsindy.physics.coupled import CoupledModel
+from romsindy.typing import Array
+
+# Choices and fits with pieces of one length.
+_ROUNDS = 6
+# What is left may grow so much as pieces do, of a model that is not lost; by more than the second
+# factor, and terms are missing.
+_LOST, _MISSED = 3.0, 1.5
+# The lightest mass over the heaviest. Where nothing tells the masses, an equation times zero is
+# fulfilled by every motion; of what sensors see of one structure, masses differ by far less.
+_LIGHTEST = 1e-6
+
+
+@dataclass(frozen=True)
+class FittedPieces:
+    """A stage fitted to pieces of the records."""
+
+    stage: Stage
+    start: CoupledModel  # beside the parts of the solution
+    records: tuple[CoupledRecord, ...]  # whole, with their noise, and the motions of the fit
+    # Length of the pieces, in cycles of the slowest coordinate; infinite for whole records
+    cycles: float
+    solution: Solution  # of whole records
+
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """What it leaves of every record, tuple of (c n,) arrays."""
+        return self.solution.residuals
+
+    @property
+    def left(self) -> float:
+        """Rms of what it leaves of the records, over their noise."""
+        return self.left_over(self.records)
+
+    @cached_property
+    def explained(self) -> bool:
+        """Whether it leaves noise alone, of whole records."""
+        if np.isfinite(self.cycles) or told(self.heard):
+            return bool(np.isinf(self.cycles))
+        return by_noises(self.heard, self.solution, self.records, self.independence).explained
+
+    @cached_property
+    def heard(self) -> Adequacy:
+        """What it leaves, by the level of the noise."""
+        return examine(self.records, self.residuals, self.solution.n_values)
+
+    @cached_property
+    def independence(self) -> Independence:
+        """Whether what it leaves goes with the motion, and the noises that are found in it."""
+        return of_decays(self.start, self.solution, self.records)[0]
+
+    def left_over(self, records: Sequence[CoupledRecord]) -> float:
+        """The same over the noise of other records."""
+        return float(np.sqrt(np.mean(self._squares(records))))
+
+    def is_better(self, before: FittedPieces, records: Sequence[CoupledRecord]) -> bool:
+        """Whether its terms are worth more than those of another, by the noise of some records."""
+        now, then = self._squares(records), before._squares(records)
+        more = self.stage.n_values - before.stage.n_values
+        least = min(now.sum(), then.sum())
+        return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
+
+    def is_alike(self, before: FittedPieces, records: Sequence[CoupledRecord]) -> bool:
+        """Whether it leaves about as much as another, which a round more would do, too."""
+        return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
+
+    def with_noise_of(self, records: Sequence[CoupledRecord]) -> FittedPieces:
+        """With the noise of other records in the place of its own."""
+        pairs = zip(self.records, records, strict=True)
+        return replace(self, records=tuple(replace(r, noise=o.noise) for r, o in pairs))
+
+    def heard_again(self) -> FittedPieces:
+        """With the noise of the records as it is in what the fit leaves, where that is less."""
+        pairs = zip(self.records, self.residuals, strict=True)
+        return replace(self, records=tuple(r.heard_again(e) for r, e in pairs))
+
+    def weighed_alike(self) -> tuple[CoupledRecord, ...]:
+        """Records with the noise that they have, or with what is left of them where that is more.
+
+        Where the form of the model decides, no record may decide alone because its noise is least.
+        """
+        left = [
+            float(np.sqrt(np.mean(record.whitened(e) ** 2)))
+            for record, e in zip(self.records, self.residuals, strict=True)
+        ]
+        pairs = zip(self.records, left, strict=True)
+        return tuple(record.louder(max(x, 1.0)) for record, x in pairs)
+
+    def _squares(self, records: Sequence[CoupledRecord]) -> Array:
+        pairs = zip(records, self.residuals, strict=True)
+        return np.concatenate([record.whitened(residual) ** 2 for record, residual in pairs])
+
+
+class Progress(NamedTuple):
+    """What is told of the rounds, and the fits that an interrupt must not lose."""
+
+    say: Callable[[str], None]
+    keep: Callable[[FittedPieces], None]
+
+
+def of_plainest_kind(
+    start: Stage, given: Sequence[CoupledRecord], kinds: Sequence[Kind], progress: Progress
+) -> FittedPieces | None:
+    """The start with terms of the first kind that explains the records, or else of the best.
+
+    None if it follows the motion over no piece. Every kind goes on from the one before, with the
+    shortest pieces, until what is left there is noise; only then do pieces grow.
+    """
+    always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
+    shortest, best = lengths(given)[0], None
+    found: list[FittedPieces] = []
+    for kind in kinds:
+        # Where nothing tells the masses, terms beside them may gain all the same.
+        for some in (kind, kind._replace(masses=False)) if kind.kinked else (kind,):
+            choice = Choice(always, candidates(r, some), curved)
+            now, records = (best.stage, best.records) if best else (start, given)
+            best = settled(now, records, choice, progress, shortest, best) or best
+            if best and best.left <= EXPLAINED:
+                break
+        last = kind is kinds[-1]
+        if best is None or not (last or (kind.masses and best.left <= EXPLAINED)):
+            continue
+        found.append(_whole(best, given, choice, progress))
+        if found[-1].explained:
+            break
+    return best_of(found)
+
+
+def best_of(found: Sequence[FittedPieces]) -> FittedPieces | None:
+    """Of several fits the one that explains, or follows the motion for longest and leaves least."""
+    if not found:
+        return None
+    longest = [f for f in found if f.cycles == max(f.cycles for f in found)]
+    quietest = longest[-1].records
+    explained = [f for f in longest if f.explained]
+    # Of two alike the later: its noise was heard last.
+    return min(reversed(explained or longest), key=lambda f: f.left_over(quietest))
+
+
+def _whole(
+    best: FittedPieces, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
+) -> FittedPieces:
+    """Fitted to the longest pieces that it follows, with the noise of the given records."""
+    best = _grown(best, choice, progress)
+    choice = choice._replace(left_out=False)
+    if np.isinf(best.cycles) and told(best.heard):
+        best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    elif np.isinf(best.cycles):
+        best = _by_noises(best, choice, progress)
+    # The noise that was heard at first stands, unless less than it is left: that is a proof.
+    best = best.with_noise_of(given)
+    best = best.heard_again() if best.left < 1 else best
+    progress.keep(best)
+    return best
+
+
+def _by_noises(best: FittedPieces, choice: Choice, progress: Progress) -> FittedPieces:
+    """With the terms that whole records ask for by the noises that are found in what is left.
+
+    By its level where it is loudest, noise with a colour hides terms. The last choice that explains
+    the records is taken, if there is one.
+    """
+    kept, now, tried = best, best, [best.stage]
+    while len(tried) <= _ROUNDS:
+        start = choose(now.stage, now.records, np.inf, choice, now.independence.noises)
+        if start is None or any(start.is_like(stage) for stage in tried):
+            break
+        tried.append(start)
+        progress.say(start.summary(len(choice.always)))
+        after = fitted(start, now.records, np.inf)
+        if after is None:
+            break
+        kept, now = after if after.explained else kept, after
+    return kept
+
+
+def _grown(best: FittedPieces, choice: Choice, progress: Progress) -> FittedPieces:
+    """Fitted to the longest pieces over which the model follows the motion.
+
+    Terms are chosen again where longer pieces show that some are missing, and at the end.
+    """
+    # What is explained over few cycles may be so over all; else pieces grow by and by.
+    if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
+        return settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
+    for cycles in lengths(best.records)[1:]:
+        longer = _longer(best, cycles)
+        if longer is None:
+            break
+        misses = cycles == np.inf or longer.left > _MISSED * best.left
+        best = longer
+        if misses:
+            best = settled(best.stage, best.records, choice, progress, cycles, best) or best
+    return best
+
+
+def _longer(now: FittedPieces, cycles: float) -> FittedPieces | None:
+    """Fitted to longer pieces; None where the model loses the motion.
+
+    What a wrong model misses grows with the length of the pieces; by much more, and it is lost.
+    """
+    found = fitted(now.stage, now.records, cycles)
+    if found is None or found.left > _LOST * max(now.left, 1.0):
+        return None
+    return found
+
+
+def settled(
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    choice: Choice,
+    progress: Progress,
+    cycles: float,
+    best: FittedPieces | None = None,
+) -> FittedPieces | None:
+    """Rounds with pieces of one length, until the choice of terms stays; the best fit."""
+    given, weighed = tuple(records), best.weighed_alike() if best else tuple(records)
+    for _ in range(_ROUNDS):
+        start = choose(now, weighed, cycles, choice)
+        if start is None or (best and start.is_like(best.stage)):
+            break
+        progress.say(start.summary(len(choice.always)))
+        found = _better(start, now, weighed, cycles, best)
+        if found is None:
+            break
+        alike = best is not None and choice.left_out and found.is_alike(best, weighed)
+        # The noise is that of the records, not what they were weighed by.
+        now, best = found.stage, found.with_noise_of(given).heard_again()
+        pairs = zip(best.records, given, strict=True)
+        settled = alike and all(r.noise is g.noise for r, g in pairs)
+        progress.keep(best)
+        given, weighed = best.records, best.weighed_alike()
+        if settled:
+            break
+    return best
+
+
+def _better(
+    start: Stage,
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    best: FittedPieces | None,
+) -> FittedPieces | None:
+    """A fit that is better than the best, or None.
+
+    From the values of a start: those of the linearised equations may have no motion at all, then
+    from those of now. Over long pieces a fit may lose the motion: then from that of short ones.
+    """
+    found = fitted(start, records, cycles) or fitted(start.with_values_of(now), records, cycles)
+    if found and (best is None or found.is_better(best, records)):
+        return found
+    if found and best and found.left < _LOST * best.left_over(records):
+        return None  # it has its motion, which is no better
+    shortest = lengths(records)[0]
+    if best is None or cycles == shortest:
+        return None
+    short = fitted(start, records, shortest)
+    found = short and fitted(short.stage, short.records, cycles)
+    return found if found and found.is_better(best, records) else None
+
+
+def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> FittedPieces | None:
+    """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
+    base, own = free_parts(start.model, start.free, records)
+    solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
+    laws = replace(start.model, values=base.values)
+    if solution is None or not _has_masses(model := extended(laws, solution.parts)):
+        return None
+    stage = replace(start, model=model, shapes=solution.parts[len(own) :])
+    followed = moved(records, solution.motions)
+    return FittedPieces(stage, base, followed, cycles, solution)
+
+
+def _has_masses(model: CoupledModel) -> bool:
+    """Whether the inertia at rest is positive, as that of all masses, and no equation vanishes."""
+    masses = np.linalg.eigvalsh(model.inertia(np.zeros(model.n_coordinates)))
+    return bool(masses[0] > _LIGHTEST * masses[-1])

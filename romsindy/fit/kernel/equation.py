@@ -1,0 +1,173 @@
+"""The equation of motion of a hypothesis in one record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
+from romsindy.effects.memory import MemoryEffect
+from romsindy.fit.kernel.linear_steps import Linearisation
+from romsindy.fit.kernel.part import OnCoordinate, Part, extended
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.equations import Equations
+from romsindy.physics.memory import Memory
+from romsindy.typing import Array
+
+_SMALL = 1e-6  # of the motion: a change by which derivatives are taken
+
+
+def equation_of(
+    model: Equations, parts: Sequence[Part], number: int, record: Prepared
+) -> ExtendedEquation:
+    """The equation of a model with its parts in a record, which has this number."""
+    given = (model, tuple(parts), number, record.motion.grid.step, record.clock)
+    return ExtendedEquation(*given, inputs=record.inputs, creep=record.creep)
+
+
+@dataclass(frozen=True)
+class ExtendedEquation:
+    """The model with its parts, in one record: R equations of R coordinates.
+
+    Inputs among the terms of the model drive it where they were measured. Effects pull beside the
+    model, each at one coordinate, inputs at all of them; laws of several are within it, where one
+    table serves all terms.
+    """
+
+    model: Equations
+    parts: tuple[Part, ...]
+    record: int
+    step: float
+    clock: float  # at the start of the record, s
+    memories: tuple[Memory | None, ...] = ()  # of parts beside the model; none where it begins
+    inputs: Mapping[str, SampledInput] | None = None  # that were measured
+    creep: float = 0.0  # velocity below which friction turns round smoothly
+
+    @cached_property
+    def _beside(self) -> dict[int, Part]:
+        """Those that pull beside the model, by number: no sensors, nor laws of its one table."""
+        return {
+            i: part
+            for i, part in enumerate(self.parts)
+            if not (isinstance(part.effect, ReadingEffect) or _inner(part.effect))
+        }
+
+    @cached_property
+    def _inside(self) -> Equations:
+        laws = [p for p in self.parts if _inner(p.effect)]
+        return extended(self.model, laws) if laws else self.model
+
+    @cached_property
+    def rates(self) -> list[float]:
+        """Angular frequency of small vibrations of each coordinate, rad/s; 1 without any."""
+        rest = np.zeros(self.model.n_coordinates)
+        _, stiffness, _, mass = self.model.residual_and_slopes(rest, rest, rest)
+        squared = np.diag(stiffness) / np.diag(mass)
+        return [float(np.sqrt(x)) if 0 < x < np.inf else 1.0 for x in squared]
+
+    def state(
+        self, t: Array, q: Array, q_dot: Array, q_ddot: Array, *, coordinate: int = 0
+    ) -> State:
+        """What the effects on one coordinate take, (n,) each, from (n, R) states."""
+        own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
+        beside = (self.rates[coordinate], None, self.clock, self.inputs, self.creep)
+        return State(t, own[0], own[1], own[2], self.step, *beside)
+
+    def forces(self, effect: Effect, *motion: Array) -> Array | None:
+        """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""
+        if (law := _inner(effect)) is not None:
+            return law.strong(*motion[1:])[None]
+        forces = effect.forces(self.state(*motion, coordinate=effect.acts_on))
+        return None if forces is None else self._everywhere(effect, forces)
+
+    def _everywhere(self, effect: Effect, forces: Array) -> Array:
+        """Forces (k, n) on its coordinate, or (k, n, R), in every equation: (k, n, R)."""
+        return forces if forces.ndim == 3 else forces[..., None] * self._unit(effect)
+
+    def _unit(self, effect: Effect) -> Array:
+        """1 in the equation of the coordinate that an effect acts on, (R,)."""
+        return np.eye(self.model.n_coordinates)[effect.acts_on]
+
+    def _pulling(self, *motion: Array) -> dict[int, tuple[Part, State]]:
+        """Parts beside the model, each with what its effect takes and remembers, by number."""
+        if not self._beside:
+            return {}
+        memories = self.memories or (None,) * len(self._beside)
+        return {
+            i: (part, self.state(*motion, coordinate=part.effect.acts_on)._replace(memory=m))
+            for (i, part), m in zip(self._beside.items(), memories, strict=True)
+        }
+
+    def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
+        """The equation of the motion that goes on from the end of one at its Gauss points."""
+        pulling = self._pulling(t, q, q_dot, q_ddot).values()
+        memories = tuple(part.effect.remembered(state) for part, state in pulling)
+        return replace(self, memories=memories) if memories else self
+
+    @property
+    def remembers(self) -> bool:
+        """Whether forces of the model depend on the motion so far; derivatives are exact then."""
+        return bool(self.model.memories)
+
+    def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
+        """What small changes (n, 1, m) do to forces that remember, less what slopes say of it."""
+        found = np.zeros((q.shape[2], *q.shape[:2]))
+        for part, state in self._pulling(*motion).values():
+            if not isinstance(part.effect, MemoryEffect):
+                continue
+            own = part.own(self.record)
+            force, slopes = part.effect.along(state)[0], part.effect.slopes(state, own)
+            for row, d, v in zip(found[..., 0], q[:, 0].T, q_dot[:, 0].T, strict=True):
+                small = _SMALL * np.abs(state.q).max() / max(float(np.abs(d).max()), 1e-300)
+                near = state._replace(q=state.q + small * d, q_dot=state.q_dot + small * v)
+                row += own[0] * (part.effect.along(near)[0] - force) / small
+                row -= slopes[0] * d + slopes[1] * v
+        return found
+
+    def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
+        """Residual (n, R) and its derivatives (n, R, R)."""
+        residual, *slopes = self._inside.residual_and_slopes(q, q_dot, q_ddot)
+        residual = residual - self._pushed(t)
+        for part, state in self._pulling(t, q, q_dot, q_ddot).values():
+            own = part.own(self.record)
+            forces = part.effect.forces(state) if np.any(own) else None
+            if forces is not None:
+                everywhere = self._everywhere(part.effect, forces)
+                residual = residual + np.tensordot(own, everywhere, 1)
+                unit = self._unit(part.effect)
+                both = np.outer(unit, unit)
+                added = (np.reshape(b, (-1, 1, 1)) * both for b in part.effect.slopes(state, own))
+                slopes = [a + b for a, b in zip(slopes, added, strict=True)]
+        return Linearisation(residual, *slopes)
+
+    def _pushed(self, t: Array) -> Array | float:
+        """What inputs among the terms of the model add to the right sides."""
+        pushed: Array | float = 0.0
+        for term, gain in self._inside.pushes:
+            if (samples := (self.inputs or {}).get(term.source)) is not None:
+                pushed = pushed + np.outer(samples.at(t, term), term.sign * gain)
+        return pushed
+
+    def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """Derivatives of the residual by the values that act in the record, (m, n, R)."""
+        pulling = self._pulling(t, q, q_dot, q_ddot)
+        rows = [np.zeros((0, *q.shape))]
+        for i, part in enumerate(self.parts):
+            if (law := _inner(part.effect)) is not None:
+                rows.append(law.strong(q, q_dot, q_ddot)[None])
+            elif i not in pulling or part.effect.forces(state := pulling[i][1]) is None:
+                rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
+            else:
+                by_value = part.by_value("forces", (state,), self.record)
+                rows.append(self._everywhere(part.effect, by_value))
+        return np.concatenate(rows)
+
+
+def _inner(effect: Effect) -> CoupledTerm | None:
+    """A law of several coordinates, which stands in the one table of its model; None of others."""
+    law = None if isinstance(effect, OnCoordinate) else effect.term()
+    return law if isinstance(law, CoupledTerm) else None

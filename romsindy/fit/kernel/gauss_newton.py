@@ -1,0 +1,189 @@
+"""Fits by simulation that start from the measured motion.
+
+A hypothesis is a model and the effects added to it. Gauss-Newton's method finds strengths, shapes
+and initial states together with the motion itself: every step solves the equation linearised about
+the present motion (see `romsindy.fit.kernel.linear_response`), which at first is the smoothed
+measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.part import (
+    Part,
+    Solution,
+    columns_of,
+    held_values,
+    limits,
+    moved_parts,
+    prior_cost,
+)
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
+from romsindy.fit.verdict import EXPLAINED
+from romsindy.physics.equations import Equations
+from romsindy.typing import Array, Indices
+
+_ITERATIONS = 16
+_LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+_WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
+_OFF_THE_FLOOR = 1.0  # of chi-square
+_LOST = 1e4  # a linearised motion that goes further than this leads nowhere
+
+
+def fit(
+    model: Equations,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory] | None = None,
+    *,
+    fixed: bool = False,
+    iterations: int = _ITERATIONS,
+    rough: float = 0.0,
+) -> Solution:
+    """Fit the values of all parts, and the initial states, to all records.
+
+    It starts from the values of the parts, and from some motions: by default the smoothed
+    measurement. ``fixed``: initial states, and strengths that differ between records, only. It ends
+    where a step changes chi-square by less than the ``rough`` part of what is left beyond the
+    noise: where the form of the equation decides, no digit of its values matters.
+    """
+    parts = tuple(parts)
+    motions = list(motions or [r.motion for r in records])
+    n_values = sum(p.size for p in parts)
+    last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
+    loudest = max(r.amplitude for r in records)
+    kept: _Iterate | None = None
+    for iteration in range(iterations):
+        with np.errstate(all="ignore"):
+            system, responses, _ = _linearised(model, parts, records, motions)
+            if kept is not None and not system.power <= _WORSE * kept.power:
+                if kept.short < _SHORTEST:
+                    parts, system = kept.parts, kept.system
+                    motions = [r.motion for r in kept.responses]
+                    break
+                kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
+                parts, motions = kept.moved()
+                system = kept.system  # should this be the last step
+                continue
+            if not system.finite:
+                return _failed(parts, motions, n_values)
+            step = system.bounded_step(
+                held_values(parts, fixed, first=iteration == 0), *limits(parts)
+            )
+            weights = tuple(
+                np.concatenate([[1.0], step[columns_of(parts, i)], step[system.states_of(i)]])
+                for i in range(len(records))
+            )
+            largest = max(  # in a piece where nothing rings any more, of the loudest
+                float(np.abs(r.q @ w).max()) / (record.amplitude or loudest)
+                for r, w, record in zip(responses, weights, records, strict=True)
+            )
+            if not np.isfinite(largest) or largest > _LOST:
+                return _failed(parts, motions, n_values)
+            short = min(1.0, _LEASH / max(largest, 1e-300))
+            kept = _Iterate(parts, tuple(responses), weights, step[:n_values], short, system)
+            parts, motions = kept.moved()
+        chi_squared = system.chi_squared(step)
+        beyond = rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
+        near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
+        # Along a valley of values that make up for one another a step leaves the curved floor.
+        converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
+        if converged:
+            break
+        last = chi_squared
+    residuals = tuple(
+        r.missed(parts, i, partial(sampled, m))
+        for i, (r, m) in enumerate(zip(records, motions, strict=True))
+    )
+    pairs = list(zip(records, residuals, strict=True))
+    if any(float(np.abs(e).max()) > _LOST * float(np.abs(r.signal).max()) for r, e in pairs):
+        return _failed(parts, motions, n_values)  # the last step led nowhere
+    return Solution(
+        parts,
+        tuple(motions),
+        residuals,
+        chi_squared_of(records, residuals) + prior_cost(parts),
+        system.covariance()[:n_values, :n_values],
+        converged,
+    )
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Where a step started, and the step."""
+
+    parts: tuple[Part, ...]
+    responses: tuple[Response, ...]
+    weights: tuple[Array, ...]
+    step: Array
+    short: float
+    system: NormalEquations
+
+    @property
+    def power(self) -> float:
+        """Misfit before the step."""
+        return self.system.power
+
+    def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
+        """Values and motions after the step."""
+        motions = [
+            r.moved(self.short * w) for r, w in zip(self.responses, self.weights, strict=True)
+        ]
+        return moved_parts(self.parts, self.short * self.step), motions
+
+
+def _linearised(
+    model: Equations,
+    parts: tuple[Part, ...],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> tuple[NormalEquations, list[Response], list[tuple[Indices, Array]]]:
+    """Normal equations about the present motions, the responses and the rows that they combine."""
+    n_values = sum(p.size for p in parts)
+    system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
+    responses, tables = [], []
+    for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+        response, rows = linear_table(model, parts, i, record, motion)
+        where = np.concatenate([columns_of(parts, i), system.states_of(i)])
+        system.add(where, rows)
+        responses.append(response)
+        tables.append((where, rows))
+    system.add_priors(parts)
+    return system, responses, tables
+
+
+def coloured_covariance(model: Equations, solution: Solution, records: Sequence[Prepared]) -> Array:
+    """Covariance of the values of a fit that converged, for the colour of what it leaves.
+
+    nan where the motion leads far away with a further step.
+    """
+    system, _, tables = _linearised(model, solution.parts, records, solution.motions)
+    n = system.n_values
+    return system.coloured(tables)[:n, :n] if system.finite else np.full((n, n), np.nan)
+
+
+def linear_table(
+    model: Equations, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
+) -> tuple[Response, Array]:
+    """Response of a motion to all values, and `table` of where it leads, in record i."""
+    equation = equation_of(model, parts, i, record)
+    response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+    change = record.in_orders(parts, response.samples)
+    x = record.in_orders(parts, partial(sampled, motion)) + change[..., 0]
+    return response, record.table(parts, i, x, change[..., 1:])
+
+
+def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:
+    """A hypothesis whose motion goes astray: nothing could be worse."""
+    residuals = tuple(np.full(len(m.grid.fraction), np.inf) for m in motions)
+    nothing = np.zeros((n_values, n_values))
+    return Solution(parts, tuple(motions), residuals, np.inf, nothing, False)

@@ -1,0 +1,231 @@
+"""Fits whose motions satisfy the equation exactly: each follows from its initial state.
+
+`romsindy.fit.kernel.gauss_newton` starts from the measured motion and needs no good guess, but its
+motions come to satisfy the equation only as it converges. From where it ends, single shooting goes
+on with motions that always do. It forgives outliers, and it settles where a structure is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.linear_response import sensitivity
+from romsindy.fit.kernel.linear_steps import Equation
+from romsindy.fit.kernel.normal_equations import NormalEquations, priors
+from romsindy.fit.kernel.part import (
+    Part,
+    Solution,
+    columns_of,
+    held_values,
+    limits,
+    moved_parts,
+    prior_cost,
+)
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
+from romsindy.physics.equations import Equations
+from romsindy.typing import Array, Indices
+
+_EVALUATIONS = 40
+# Chi-square is about the number of samples: a change of it by this part is far below one.
+TOLERANCE = 1e-6
+_OUTLIER = 3.0  # residual over noise from which a robust loss forgives
+# A simulated motion this many times the noise away is as bad as none.
+_FAR = 1e9
+LOSSES = ("linear", "soft_l1")
+
+
+@dataclass
+class _Problem:
+    """Whitened misfits as a function of the values of all parts, then of the initial states."""
+
+    model: Equations
+    parts: tuple[Part, ...]
+    records: Sequence[Prepared]
+    motions: list[Trajectory]  # the last ones, from which the next are found
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self.n_values = sum(p.size for p in self.parts)
+        start = [p.values for p in self.parts]
+        self.start = np.concatenate([*start, *(m.start for m in self.motions)])
+        self._simulated: Array | None = None  # values of the last motions
+
+    def at(self, values: Array) -> tuple[tuple[Part, ...], list[Equation]]:
+        """Parts and equations with other values."""
+        parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
+        return parts, [equation_of(self.model, parts, i, r) for i, r in enumerate(self.records)]
+
+    def simulate(self, values: Array) -> list[Trajectory]:
+        """Motions from the initial states among the values."""
+        if self._simulated is not None and np.array_equal(values, self._simulated):
+            return self.motions
+        _, equations = self.at(values)
+        states = values[self.n_values :].reshape(len(self.records), -1)
+        triples = zip(equations, states, self.records, self.motions, strict=True)
+        self.motions = [integrate(e, s, r.motion.grid, m) for e, s, r, m in triples]
+        self._simulated = values.copy()
+        return self.motions
+
+    def residuals(self, values: Array) -> list[Array]:
+        """Measured minus simulated, (n,) of each record."""
+        parts, equations = self.at(values)
+        motions = zip(self.records, equations, self.simulate(values), strict=True)
+        return [r.missed(parts, i, partial(m.samples, e)) for i, (r, e, m) in enumerate(motions)]
+
+    def misfit(self, values: Array) -> Array:
+        """Whitened residuals, and what was known beforehand."""
+        self.say("simulation")
+        try:
+            pairs = zip(self.records, self.residuals(values), strict=True)
+            rows = np.concatenate([r.whitened(e) for r, e in pairs])
+        except TrajectoryError:
+            rows = np.array([np.inf])
+        if np.abs(rows).max() > _FAR:  # nan is a step too far: the solver shortens it
+            return np.full(
+                sum(len(r.signal) for r in self.records) + len(priors(self.parts)), np.nan
+            )
+        known = [off / spread for _, off, spread in priors(self.at(values)[0])]
+        return np.concatenate([rows, known])
+
+    def tables(self, values: Array) -> list[tuple[Indices, Array]]:
+        """Sensitivities and misfit over noise about the simulated motions, for each record.
+
+        Before them places of their columns among the values of all parts, then the states.
+        """
+        parts, equations = self.at(values)
+        motions = zip(self.records, equations, self.simulate(values), strict=True)
+        found: list[tuple[Indices, Array]] = []
+        for i, (record, equation, motion) in enumerate(motions):
+            slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
+            x = record.in_orders(parts, partial(motion.samples, equation))
+            n = len(motion.start)
+            states = self.n_values + n * i + np.arange(n)
+            where = np.concatenate([columns_of(parts, i), states])
+            found.append((where, record.table(parts, i, x, slopes)))
+        return found
+
+    def jacobian(self, values: Array) -> Array:
+        """Derivatives of `misfit`."""
+        known = [-np.eye(1, len(values), at) / spread for at, _, spread in priors(self.parts)]
+        own = []
+        for where, rows in self.tables(values):
+            wide = np.zeros((len(rows), len(values)))
+            wide[:, where] = -rows[:, :-1]
+            own.append(wide)
+        return np.concatenate([*own, *known])
+
+
+def simulated(
+    model: Equations,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> tuple[list[Trajectory], list[Array]]:
+    """Motions from the initial states of some, and what they leave of the records.
+
+    Raises a TrajectoryError if there is no such motion.
+    """
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    return problem.simulate(problem.start), problem.residuals(problem.start)
+
+
+def resimulated(model: Equations, solution: Solution, records: Sequence[Prepared]) -> Solution:
+    """A solution with motions that satisfy its equation, from the initial states of its own.
+
+    Raises a TrajectoryError if there are none.
+    """
+    motions, left = simulated(model, solution.parts, records, solution.motions)
+    total = chi_squared_of(records, left) + prior_cost(solution.parts)
+    return replace(
+        solution, motions=tuple(motions), residuals=tuple(left), chi_squared=total, converged=True
+    )
+
+
+def simulated_misfit(
+    model: Equations,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+) -> Array:
+    """Whitened misfit of all records, simulated from the initial states of some motions."""
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    rows = problem.misfit(problem.start)
+    if not np.all(np.isfinite(rows)):
+        raise TrajectoryError("the first motions cannot be simulated, or lead far away")
+    return rows
+
+
+def shoot(
+    model: Equations,
+    parts: Sequence[Part],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+    *,
+    fixed: bool = False,
+    loss: str = "linear",
+    evaluations: int = _EVALUATIONS,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Solution, Array]:
+    """Fit the values of all parts and the initial states, from those of some motions on.
+
+    As `romsindy.fit.kernel.gauss_newton.fit`; a ``loss`` "soft_l1" forgives outliers. It ends at a
+    relative change of chi-square by the ``tolerance``, or after so many ``evaluations``, each a
+    simulation, and gives the covariance of the values (n_values, n_values) for the colour that the
+    residuals really have. Raises a TrajectoryError if the first motions cannot be simulated.
+    """
+    parts = tuple(parts)
+    problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
+    simulated_misfit(model, parts, records, motions)
+    free = np.ones(len(problem.start), bool)
+    free[: problem.n_values] = ~held_values(parts, fixed, first=False)
+    low, high = np.full((2, len(free)), np.inf) * np.array([[-1], [1]])
+    for end, change in zip((low, high), limits(parts), strict=True):
+        end[: problem.n_values] = problem.start[: problem.n_values] + change
+    free &= low < high
+
+    def whole(x: Array) -> Array:
+        values = problem.start.copy()
+        values[free] = x
+        return values
+
+    converged = interrupted = False
+    try:
+        result = least_squares(
+            lambda x: problem.misfit(whole(x)),
+            np.clip(problem.start, low, high)[free],
+            lambda x: problem.jacobian(whole(x))[:, free],
+            bounds=(low[free], high[free]),
+            x_scale="jac",
+            loss=loss,
+            f_scale=_OUTLIER,
+            ftol=tolerance,
+            xtol=1e-9,
+            max_nfev=evaluations,
+        )
+        values, converged = whole(result.x), bool(result.success)
+    except KeyboardInterrupt:
+        values, interrupted = problem.start, True
+    n = problem.n_values
+    system = NormalEquations(n, len(records), n_coordinates=model.n_coordinates)
+    tables = problem.tables(values)
+    for where, rows in tables:
+        system.add(where, rows)
+    system.add_priors(problem.at(values)[0])
+    solution = Solution(
+        problem.at(values)[0],
+        tuple(problem.motions),
+        tuple(problem.residuals(values)),
+        system.power,
+        system.covariance()[:n, :n],
+        converged,
+        interrupted,
+    )
+    return solution, system.coloured(tables)[:n, :n]

@@ -1,0 +1,124 @@
+"""A record of one channel that measured inputs drive, ready to be compared with a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+
+from romsindy.fit.kernel.collocation import Grid, Trajectory
+from romsindy.fit.kernel.linear_steps import NODES
+from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.records.smooth import averaged, smooth_motion
+from romsindy.physics.input import Input
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import of_steps
+from romsindy.record.noise import Noise
+from romsindy.record.spectrum import falling_power, quiet_power, quiet_std
+from romsindy.typing import Array
+
+_PLACES = np.array([0.0, *NODES, 1.0])  # where a simulation asks for it, in a step
+_KEPT = 4  # tables: a fit asks for the same one again and again
+# Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
+# this part of the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
+# Short records can have more, as long as all their steps are no more than so many.
+_STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
+_MOST_STEPS, AFFORDABLE = 40, 40_000
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Samples (n,) of an input, ``dt`` seconds apart from the start of the record, on a grid."""
+
+    u: Array
+    dt: float
+    grid: Grid
+    tables: dict[Input, Array] = field(default_factory=dict, repr=False)
+
+    def at(self, t: Array, term: Input) -> Array:
+        """What acts of it at times of the simulation, (n,).
+
+        At Gauss points, those values that stand for their step, see `of_steps`.
+        """
+        table = self._table(term)
+        place = (t - self.grid.start) / self.grid.step
+        step = np.floor(place + 1e-6).astype(int)
+        column = np.argmin(np.abs((place - step)[:, None] - _PLACES), axis=1)
+        return table[step + column // 4, column % 4]
+
+    def _table(self, term: Input) -> Array:
+        """At the start and the Gauss points of each step, (n_steps + 1, 4)."""
+        if term not in self.tables:
+            grid, length = self.grid, self.grid.step / self.dt
+            starts = (grid.start - term.delay) / self.dt + length * np.arange(grid.n_steps + 1)
+            values = partial(term.at, self.u, dt=self.dt)
+            inside = of_steps(values, starts, length, NODES, term.interpolation == "band-limited")
+            while len(self.tables) >= _KEPT:
+                self.tables.pop(next(iter(self.tables)))
+            self.tables[term] = np.column_stack([values(starts), inside])
+        return self.tables[term]
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedRecord(Prepared):
+    """One forced vibration: what was measured, its inputs, and the smooth motion behind it."""
+
+    decay: ForcedVibration
+    signal: Array  # (n,), the measured quantity
+    noise: Noise  # white, as strong as the quietest part of the spectrum, or the floor
+    # Smooth displacement on the steps of the simulation; times from the start of the record
+    motion: Trajectory
+    inputs: dict[str, Sampled]  # that were measured, by name
+    since: float = 0.0  # where it starts in the record that it is a piece of, s
+    creep: float = 0.0
+
+    @classmethod
+    def of(
+        cls, vibration: ForcedVibration, floor: float, affordable: int = AFFORDABLE
+    ) -> ForcedRecord:
+        """Look at a record; ``floor`` is the least noise, as a part of the largest value.
+
+        More than the least steps are taken as long as all are no more than is ``affordable``.
+        """
+        y = vibration.signal
+        noise, grid = quiet_noise(y, vibration, floor), steps_for(vibration, affordable)
+        motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
+        return cls(vibration, y, noise, motion, inputs_of_record(vibration, grid))
+
+    @cached_property
+    def rate(self) -> float:
+        """Angular frequency of the motion: rms velocity over rms displacement, rad/s."""
+        return float(np.std(self.motion.q_dot) / np.std(self.motion.q))
+
+
+def quiet_noise(y: Array, vibration: ForcedVibration, floor: float) -> Noise:
+    """White, as strong as the quietest part of the spectrum of a channel."""
+    least = floor * float(np.abs(y - y.mean()).max())
+    return Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
+
+
+def inputs_of_record(vibration: ForcedVibration, grid: Grid) -> dict[str, Sampled]:
+    columns = zip(vibration.names, vibration.u.T, strict=True)
+    return {name: Sampled(u, vibration.dt, grid) for name, u in columns}
+
+
+def steps_for(vibration: ForcedVibration, affordable: int, fastest: float = 0.0) -> Grid:
+    """Steps short enough for all channels, and for a mode of a frequency, Hz."""
+    t, channels = vibration.t - vibration.t[0], vibration.y.reshape(len(vibration.t), -1).T
+    found = [_frequencies(y, vibration.dt, vibration.derivative) for y in channels]
+    mean, highest = (max(several) for several in zip(*found, strict=True))
+    cycle = min(1 / max(mean, fastest), _STEPS / _LEAST_STEPS / highest)
+    steps = int(np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS))
+    return Grid.over(t, cycle, steps)
+
+
+def _frequencies(y: Array, dt: float, derivative: int) -> tuple[float, float]:
+    """Mean frequency of the displacement, Hz, and that below which nearly all of it lies."""
+    frequency = np.fft.rfftfreq(len(y), dt)[1:]
+    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)))[1:]) ** 2
+    noise = falling_power(power, averaged(power)) if derivative else quiet_power(power)
+    # The spectrum of a displacement falls: where noise of a rate is divided by it, none is left.
+    heard = np.where(power > 10 * noise, power, 0.0) * frequency ** (-2.0 * derivative)
+    mean = np.sqrt(np.sum(heard * frequency**2) / np.sum(heard))
+    return float(mean), float(frequency[np.searchsorted(np.cumsum(heard), _POWER * heard.sum())])

@@ -1,0 +1,343 @@
+"""Response to a harmonic force with its 95 % band, folds included.
+
+Next to a fold the amplitude at a frequency has no slope: a small change of the model moves the fold
+past that frequency. So the curve of responses is displaced at right angles to itself, where it
+always has a slope, by the errors of the model, and is read at a frequency only then.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
+
+from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.process_noise import DRAWS, GROWS, grown, normal_draws
+from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
+from romsindy.orbits.harmonic_balance import HarmonicBalance
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+from romsindy.record.signals import vertex
+from romsindy.typing import Array
+
+BRANCHES = ("upper", "lower")
+_ORBITS = 60  # about, and more where the damping is light
+_BETWEEN = 4  # points for each, by cubic splines
+_TAILS = (0.025, 0.975)
+# Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
+_MARGIN = 0.1
+_SIGNIFICANT = 1e-9
+
+
+class Predicted(NamedTuple):
+    """Amplitude and its 95 % band, (n,) each; nan beyond the range of frequencies.
+
+    Where an amplitude is larger than any of the data behind an equation, the band is nan: no error
+    of a coefficient says how far it holds. That of a `SteadyFit` goes on, given its few terms.
+    """
+
+    amplitude: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForcedBand:
+    """Amplitude against frequency under a harmonic force, with what a measured point may scatter.
+
+    Amplitudes are those of the first harmonic of the measured quantity: of q, q_dot or q_ddot.
+
+    Attributes
+    ----------
+    frequency : (n,) array
+        Uniform, over the range that was asked for, rad/s.
+    amplitude, low, high : (n,) arrays
+        The larger response, where there are several, and its 95 % band.
+    response : ForcedResponse
+        Of the model, with its folds and unstable part, and a little beyond the range.
+    notes : tuple of str
+        What the band does not know.
+    goes_on : bool
+        Whether there is a band beyond the amplitudes of the data, as of few terms that are given.
+    rate : int
+        How often q is differentiated to give what is measured.
+    """
+
+    frequency: Array
+    response: ForcedResponse
+    notes: tuple[str, ...]
+    goes_on: bool
+    rate: int
+    _curve: Array  # (3, n): frequencies, amplitudes, and those of q itself along the response
+    _drawn: Array  # (2, n_draws, n): the same, displaced
+    _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
+
+    def at(self, frequency: ArrayLike, branch: Literal["upper", "lower"] = "upper") -> Predicted:
+        """Amplitude and 95 % band at some frequencies.
+
+        Parameters
+        ----------
+        frequency : (n,) array
+            rad/s, within the range that was asked for.
+        branch : "upper" or "lower"
+            Largest or smallest response where there are several. Displaced curves that fold before
+            the frequency have but one, so that the band holds both where that is open.
+
+        Raises
+        ------
+        ValueError
+            If a frequency lies outside the range, or there is no such branch.
+        """
+        if branch not in BRANCHES:
+            raise ValueError(f"branch = {branch!r} must be one of {BRANCHES}")
+        omega = np.atleast_1d(np.asarray(frequency, float))
+        first, last = self.frequency[[0, -1]]
+        inside = (omega >= first * (1 - _SIGNIFICANT)) & (omega <= last * (1 + _SIGNIFICANT))
+        if not np.all(inside):
+            raise ValueError(
+                f"frequency = {omega[~inside][0]:.8g} rad/s lies outside {first:.8g} to"
+                f" {last:.8g}: ask forced_response for a wider range"
+            )
+        value = _read(self._curve[0], self._curve[1], omega, branch)
+        drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
+        scattered = np.abs(np.array(drawn) + self._scatter[:, None])
+        known = np.any(np.isfinite(scattered), axis=0)
+        known &= self.goes_on | ~self._beyond(omega, branch)
+        ends = np.full((2, len(omega)), np.nan)
+        ends[:, known] = np.nanquantile(scattered[:, known], _TAILS, axis=0)
+        return Predicted(value, np.minimum(ends[0], value), np.maximum(ends[1], value))
+
+    @cached_property
+    def _upper(self) -> Predicted:
+        return self.at(self.frequency)
+
+    @property
+    def amplitude(self) -> Array:
+        """Of the larger response, (n,)."""
+        return self._upper.amplitude
+
+    @property
+    def low(self) -> Array:
+        """Lower end of the 95 % band, (n,)."""
+        return self._upper.low
+
+    @property
+    def high(self) -> Array:
+        """Upper end of the 95 % band, (n,)."""
+        return self._upper.high
+
+    @property
+    def along(self) -> Array:
+        """Amplitudes of ``response``, folds and all, as they are measured, (n_orbits,)."""
+        first = np.abs(self.response.coefficients[:, 1])
+        return np.asarray(first * self.response.frequency**self.rate)
+
+    @property
+    def unit(self) -> str | None:
+        """Of the amplitudes."""
+        of_q = self.response.unit
+        return of_q and of_q + ("", "/s", "/s^2")[self.rate]
+
+    @property
+    def beyond(self) -> NDArray[np.bool_]:
+        """Whether the larger response is larger than any motion of the data, (n,)."""
+        return self._beyond(self.frequency, "upper")
+
+    def _beyond(self, omega: Array, branch: str) -> NDArray[np.bool_]:
+        size = _read(self._curve[0], self._curve[2], omega, branch)
+        return self.response.larger(size)
+
+    @cached_property
+    def peak(self) -> tuple[float, float]:
+        """Frequency, rad/s, and amplitude of the largest response."""
+        w, a, _ = self._curve
+        at = int(np.argmax(np.where(self._asked(w), a, 0.0)))
+        if not (0 < at < len(a) - 1 and np.all(self._asked(w[at - 1 : at + 2]))):
+            return float(w[at]), float(a[at])
+        # By the parabola through three points along the curve, which has no folds there.
+        before, here, after = a[at - 1 : at + 2]
+        shift = float(vertex(before, here, after))
+        on = np.interp(at + shift, np.arange(len(w)), w)
+        return float(on), float(here - (before - after) * shift / 4)
+
+    def _asked(self, omega: Array) -> NDArray[np.bool_]:
+        """Which frequencies are in the range that was asked for."""
+        return (omega >= self.frequency[0]) & (omega <= self.frequency[-1])
+
+    def __repr__(self) -> str:
+        w, a = self._drawn
+        low, high = np.quantile(
+            np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter, _TAILS
+        )
+        known = self.goes_on or not np.any(self.beyond)
+        ends = f"{low:.4g} to {high:.4g}" if known else "beyond the data"
+        return (
+            f"<ForcedBand: {self.frequency[0]:.6g} to {self.frequency[-1]:.6g} rad/s, largest"
+            f" {self.peak[1]:.4g} ({ends}) at {self.peak[0]:.6g} rad/s>"
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([repr(self), *(f"Note: {note}." for note in self.notes)])
+
+
+def forced_band(
+    model: ReducedModel,
+    force: float,
+    frequency: tuple[float, float],
+    names: tuple[str, ...],
+    covariance: Array,
+    *,
+    rate: int = 0,
+    noise: float = 0.0,
+    n_points: int = 100,
+    n_harmonics: int | None = None,
+    velocity_scale: float | None = None,
+    notes: Sequence[str] = (),
+    goes_on: bool = False,
+    form: ArrayLike = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+) -> ForcedBand:
+    """Response with its band from the errors of coefficients and of the force.
+
+    A `UserWarning` says where there is no band, beyond the amplitudes of the data.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    force : float
+        Amplitude per unit mass.
+    frequency : (float, float)
+        Range, rad/s.
+    names : tuple of str
+        Coefficients with errors.
+    covariance : (m + 1, m + 1) array
+        Of these coefficients, and last of the force, relative to it.
+    rate : int
+        How often q is differentiated to give what is measured.
+    noise : float
+        Standard deviation of a measured amplitude.
+    n_points : int
+        Of the uniform frequencies.
+    n_harmonics, velocity_scale
+        As those of `romsindy.forced_response`.
+    notes : sequence of str
+        What else the band does not know.
+    goes_on : bool
+        See `ForcedBand`.
+    form : (2, 3) array
+        Errors of form, as standard deviations of linear stiffness, linear damping and force,
+        relative to it: within the data, and of what grows beyond (`romsindy.fit.process_noise`).
+    """
+    low, high = sorted(frequency_range(frequency))
+    reach = _MARGIN * (high - low)
+    response = forced_response(
+        model,
+        force,
+        (max(low - reach, low / 2), high + reach),
+        n_harmonics,
+        velocity_scale=velocity_scale,
+        n_points=_ORBITS,
+    )
+    smooth = model if velocity_scale is None else model.regularised(velocity_scale)
+    first = np.abs(response.coefficients[:, 1])
+    size_of_q = response.amplitude
+    more = grown(size_of_q, (model.amplitude_range or (0.0, np.inf))[1])[:, None]
+    within, beyond = np.square(form)
+    errors = np.sqrt(within + beyond * (more**2 - 1))
+    terms = [term for name in names for term in smooth.terms if term.key == name]
+    by_w, by_a = (
+        np.column_stack([x[:, :-3], x[:, -1], errors * x[:, -3:]])
+        for x in _slopes(smooth, force, response, (*terms, *LINEAR))
+    )
+    covariance = block_diag(covariance, np.eye(3))
+    table = _refined(np.column_stack([response.frequency, first, size_of_q, by_w, by_a]))
+    on, first, size_of_q, *_ = table.T
+    by_w, by_a = np.hsplit(table[:, 3:], 2)
+    rng = np.random.default_rng(0)
+    drawn = normal_draws(covariance, rng)
+    w = np.maximum(on + drawn @ by_w.T, 0.0)
+    # The logarithm of an amplitude, so that none is negative.
+    a = first * np.exp(drawn @ (by_a / first[:, None]).T)
+    leaves = response.leaves_within(low, high)
+    grows = GROWS if leaves and goes_on else ""
+    found = ForcedBand(
+        np.linspace(low, high, n_points),
+        response,
+        (*filter(None, (leaves, grows, response.untraced)), *notes),
+        goes_on,
+        rate,
+        np.array([on, first * on**rate, size_of_q]),
+        np.array([w, a * w**rate]),
+        noise * rng.standard_normal(DRAWS),
+    )
+    if np.any(found.beyond) and not goes_on:
+        warnings.warn(
+            f"the response is {leaves}, and there is no band; a smaller force stays within them",
+            stacklevel=4,
+        )
+    return found
+
+
+def _slopes(
+    model: ReducedModel, force: float, response: ForcedResponse, terms: Sequence[Term]
+) -> tuple[Array, Array]:
+    """Derivatives of frequency and first amplitude of each orbit, (n, m + 1), across the curve."""
+    coefficients: NDArray[np.complex128] = response.coefficients
+    n, columns = coefficients.shape
+    c = np.zeros((n, 2 * columns - 1))
+    c[:, 0], c[:, 1::2], c[:, 2::2] = (
+        coefficients[:, 0].real,
+        coefficients[:, 1:].real,
+        -coefficients[:, 1:].imag,
+    )
+    balance = HarmonicBalance(model, columns - 1)
+    # The curve is about as wide as it is high in these units.
+    units = np.append(np.full(c.shape[1], np.abs(coefficients[:, 1]).max()), _width(response))
+    by_w, by_a = np.empty((n, len(terms) + 1)), np.empty((n, len(terms) + 1))
+    for i, (orbit, omega) in enumerate(zip(c[..., None], response.frequency, strict=True)):
+        _, by_c, by_omega = balance.linearise(orbit, float(omega))
+        by_p = np.zeros((c.shape[1], len(terms) + 1))
+        by_p[:, :-1] = balance.by_coefficient(terms, orbit, float(omega))
+        by_p[1, -1] = -force
+        matrix = np.column_stack([by_c, by_omega]) * units
+        # The shortest way: at right angles to the curve.
+        change = -units[:, None] * np.linalg.lstsq(matrix, by_p, rcond=None)[0]
+        by_w[i] = change[-1]
+        by_a[i] = c[i, 1:3] @ change[1:3] / np.linalg.norm(c[i, 1:3])
+    return by_w, by_a
+
+
+def _width(response: ForcedResponse) -> float:
+    """Range of frequencies in which the response is large, rad/s."""
+    size = np.abs(response.coefficients[:, 1])
+    return float(np.ptp(response.frequency[size >= size.max() / 2]))
+
+
+def _refined(columns: Array) -> Array:
+    """Points between those of a curve, (n, k) to more of them: frequency, amplitude and others."""
+    steps = np.diff(columns[:, :2] / np.ptp(columns[:, :2], axis=0), axis=0)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    between = np.interp(
+        np.arange(_BETWEEN * (len(length) - 1) + 1) / _BETWEEN, np.arange(len(length)), length
+    )
+    return CubicSpline(length, columns)(between)
+
+
+def _read(w: Array, a: Array, omega: Array, branch: str) -> Array:
+    """Largest or smallest amplitude at frequencies omega of a curve that may fold."""
+    better = np.fmax if branch == "upper" else np.fmin
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(w)))) + 1
+    value = np.full(len(omega), np.nan)
+    for first, last in itertools.pairwise([0, *turns.tolist(), len(w) - 1]):
+        part = slice(first, last + 1)
+        forth = 1 if w[last] > w[first] else -1
+        one = np.interp(omega, w[part][::forth], a[part][::forth], left=np.nan, right=np.nan)
+        value = better(value, one)
+    return value
