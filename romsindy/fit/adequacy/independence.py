@@ -50,6 +50,7 @@ from romsindy.typing import Array, Indices
 _POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
 _SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _LATE = (-0.25, 0.25)  # cycles by which an input may act later
+_LOUDER = 3.0  # than what is heard, which is told to a factor of two
 # Of generalised least squares; by a step, what is left of chi-square is settled where it changes by
 # the second, and the motion goes astray where it grows by the third as a factor.
 _STEPS, _SETTLED, _FAR = 8, 0.05, 10.0
@@ -137,7 +138,21 @@ def of_decays(
         table = by_values(*fitted, solution.residuals[i])[1]
         noises[i] = found_noises(table.noises, table.left)
     moved = settled(model, solution, records, noises)
-    return examine_independence(model, moved or solution, pairs), moved
+    found = examine_independence(model, moved or solution, pairs)
+    if any(_louder(n, record) for n, record in zip(found.noises, records, strict=True)):
+        found = replace(found, p_value=0.0)
+    return found, moved
+
+
+def _louder(found: Noises, record: Prepared) -> bool:
+    """Whether the noise of a sensor is louder than what is heard of it where the record rings.
+
+    Then it stands for something else, such as a mode that the model has not.
+    """
+    turn = np.exp(-2j * np.pi * record.frequencies * record.decay.dt)
+    there = found.sensor[:, None] / np.abs(1 - found.colour[:, None] * turn)
+    heard = np.array([noise.std for noise in record.noises])[:, None]
+    return bool(np.any(np.all(there > _LOUDER * heard, axis=1)))
 
 
 def examine_decays(
