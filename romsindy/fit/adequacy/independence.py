@@ -163,7 +163,7 @@ def examine_decays(
 ) -> Adequacy:
     """What a hypothesis leaves of decays, by the noise that was heard, or that is found in it."""
     heard = examine(records, solution.residuals, solution.n_values, false_alarm)
-    if told(heard) or not 0 < heard.part < np.inf:
+    if told(heard, records) or not 0 < heard.part < np.inf:
         return heard
     return by_noises(heard, solution, records, of_decays(model, solution, records)[0])
 
@@ -182,12 +182,14 @@ def by_noises(
     return judged(size, found, [*enumerate(records)])
 
 
-def told(heard: Adequacy) -> bool:
+def told(heard: Adequacy, records: Sequence[Prepared]) -> bool:
     """Whether the level of the noise of decays explains them: it is that where they ring.
 
-    Where much less is left, noise has a colour, and its level may hide what is missing.
+    Where much less is left, noise has a colour, and its level may hide what is missing; but for a
+    level that is no noise, and does not matter.
     """
-    return heard.explained and heard.ratio * EXPLAINED > 1
+    given = all(2 * noise.floor**2 > noise.std**2 for r in records for noise in r.noises)
+    return heard.explained and (given or heard.ratio * EXPLAINED > 1)
 
 
 def independence(tables: Sequence[Tried], n_values: int) -> Independence:
@@ -434,6 +436,8 @@ class _Step(NamedTuple):
             where = columns_of(parts, i)
             if i in noises:
                 response, table = by_values(model, parts, i, record, motion)
+                if not all(np.isfinite(rows).all() for rows in table.channels):
+                    raise LinAlgError("the motion goes astray")
                 system.add_products(where, table.weighed(noises[i]).products)
                 ways.append(partial(_driven, response, where, table, noises[i]))
                 left.append(table.left)

@@ -61,7 +61,7 @@ class FittedPieces:
     @cached_property
     def explained(self) -> bool:
         """Whether it leaves noise alone, of whole records."""
-        if np.isfinite(self.cycles) or told(self.heard):
+        if np.isfinite(self.cycles) or told(self.heard, self.records):
             return bool(np.isinf(self.cycles))
         return by_noises(self.heard, self.solution, self.records, self.independence).explained
 
@@ -169,7 +169,7 @@ def _whole(
     """Fitted to the longest pieces that it follows, with the noise of the given records."""
     best = _grown(best, choice, progress)
     choice = choice._replace(left_out=False)
-    if np.isinf(best.cycles) and told(best.heard):
+    if np.isinf(best.cycles) and told(best.heard, best.records):
         best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     elif np.isinf(best.cycles):
         best = _by_noises(best, choice, progress)

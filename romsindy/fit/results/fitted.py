@@ -255,7 +255,7 @@ def examined(fit: Fit) -> Fit:
     """
     driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     pairs = driven or [*enumerate(fit.records)]
-    if not driven and told(fit.verdict):
+    if not driven and told(fit.verdict, fit.records):
         return fit
     if not 0 < _size(fit, pairs).part < np.inf:
         return fit  # there is no motion, or nothing is left
