@@ -31,6 +31,7 @@ from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.typing import Array, Indices
 
+_FAR = 1e100  # nothing that moves
 _CHECKS = 8  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
 # Of a first fit; where friction stops a coordinate, many are short.
@@ -58,6 +59,11 @@ class ByNoises:
             tables.append(by_values(model, parts, i, record, motion, solution.residuals[i])[1])
             places.append(columns_of(parts, i))
         return cls(n_values, tuple(places), tuple(tables))
+
+    @property
+    def finite(self) -> bool:
+        """Whether the motions, and squares of what moves them, stay within reach of numbers."""
+        return all(bool(np.abs(y).max() < _FAR) for t in self.tables for y in t.channels)
 
     @cached_property
     def needed(self) -> tuple[Noises, ...]:
@@ -163,6 +169,8 @@ class NoiseOfBest:
                     s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
         weighed = ByNoises.of(model, s, records) if there else None
+        if weighed is not None and not weighed.finite:
+            weighed = None
         return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
 
 
