@@ -37,7 +37,7 @@ from romsindy.typing import Array, Indices
 Stage = Literal["raw", "free", "conditioned"]
 STAGES: tuple[Stage, ...] = ("raw", "free", "conditioned")
 
-_NAMES = ("q", "q_dot", "q_ddot")
+SIGNALS = ("q", "q_dot", "q_ddot")
 # Fewer samples a cycle than this are interpolated before cycles are analysed.
 SAMPLES_PER_CYCLE = 40
 
@@ -109,7 +109,7 @@ class Decay(Measurement):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "notes", notes)
         if self.signal is None:
-            name = _NAMES[self.derivative]
+            name = SIGNALS[self.derivative]
             raise ValueError(f"measured = {self.measured!r} needs {name}, which is None: give it")
         if self.complete:
             object.__setattr__(self, "stage", "conditioned")
@@ -181,9 +181,14 @@ class Decay(Measurement):
         )
 
     @property
+    def signals(self) -> dict[str, Any]:
+        """Displacement, velocity and acceleration, as far as they are known, by name."""
+        return {n: getattr(self, n) for n in SIGNALS if getattr(self, n) is not None}
+
+    @property
     def signal(self) -> Array:
         """What was measured: q, q_dot or q_ddot."""
-        return getattr(self, _NAMES[self.derivative])
+        return getattr(self, SIGNALS[self.derivative])
 
     @property
     def response(self) -> Array:
@@ -310,7 +315,7 @@ class Decay(Measurement):
         columns = [method(x, self.dt) for x in self.q.reshape(len(self.t), -1).T]
         signals = [np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)]
         notes = (*self.notes, f"smoothed and differentiated by {method}")
-        return replace(self, **dict(zip(_NAMES, signals, strict=True)), notes=notes)  # type: ignore[arg-type]
+        return replace(self, **dict(zip(SIGNALS, signals, strict=True)), notes=notes)  # type: ignore[arg-type]
 
     def conditioned(self, method: Filter | None = None) -> Decay:
         """What an analysis of cycles needs: free part, enough samples, derivatives.
@@ -333,7 +338,7 @@ class Decay(Measurement):
         stage: Stage | None = None,
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
-        signals = {n: getattr(self, n) for n in _NAMES}
+        signals = {n: getattr(self, n) for n in SIGNALS}
         changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
         t, stage = self.t if t is None else t, stage or self.stage
         return replace(self, t=t, notes=(*self.notes, *notes), stage=stage, **changed)
@@ -389,6 +394,6 @@ def _integrated(rate: Decay, frequency: float, quantity: Quantity) -> Decay:
     if len(rate.t[sound]) < len(rate.t):
         before, after = sound.start * rate.dt, (len(rate.t) - sound.stop) * rate.dt
         done.append(f"{before:.3g} s at the start and {after:.3g} s at the end cut: drift unclear")
-    signals: Any = {"q": q[sound], _NAMES[times]: rate.q[sound]}
+    signals: Any = {"q": q[sound], SIGNALS[times]: rate.q[sound]}
     notes = (*rate.notes, *done)
     return replace(rate, t=rate.t[sound], measured=quantity, notes=notes, **signals)
