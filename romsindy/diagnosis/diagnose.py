@@ -26,6 +26,7 @@ from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
+from romsindy.diagnosis.on_simulator import SimulatorReport, checked_values, diagnose_simulator
 from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
@@ -51,10 +52,13 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Measurement
+from romsindy.simulator import Program, Simulator
+
+Simulation = Simulator | Callable[..., Any] | str  # of a user: an object, a function, a command
 
 
 def diagnose(
-    model: ReducedModel | CoupledModel | Estimate | Beam | Decay,
+    model: ReducedModel | CoupledModel | Estimate | Beam | Decay | Simulation,
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
@@ -62,6 +66,7 @@ def diagnose(
     release: Shape | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float | tuple[float, float]] | None = None,
     tolerance: Tolerance | float | Mapping[str, float] | None = None,
     repeats: Sequence[Decay] | Sequence[ForcedVibration] | None = None,
     reference: Decay | Sequence[Decay] | None = None,
@@ -71,7 +76,14 @@ def diagnose(
     floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | CoupledDiagnosis | InteractionReport | BeamReport | ForcedReport:
+) -> (
+    DiagnosisReport
+    | CoupledDiagnosis
+    | InteractionReport
+    | BeamReport
+    | ForcedReport
+    | SimulatorReport
+):
     """Find, name and add what a simulation lacks.
 
     Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
@@ -79,10 +91,12 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel, CoupledModel, Estimate, Beam or Decay
+    model : ReducedModel, CoupledModel, Estimate, Beam, Decay, function, object or command
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
         and knows how far that may be off. A decay is a simulated series, which is reduced to an
-        equation of one coordinate first.
+        equation of one coordinate first. A function ``simulate(release, t)``, an object with that
+        method, or a command is a `Simulator` of one's own, see `romsindy.simulator`; where it takes
+        a ``force``, what is found is added, and it runs again.
     measured : Decay, ForcedVibration, or sequence of either
         For a model: one channel each, in its unit; of a `CoupledModel` any number of channels, in
         which its coordinates ring together. For a beam: displacements from the equilibrium
@@ -110,6 +124,10 @@ def diagnose(
         "axial_stiffness", "point_masses", "rotary_inertia", "spring_stiffness", "pre_tension",
         "clamp_compliance" (of a rigid clamp in rad/(N m)), "mass_damping", "material_damping"; in
         m those of positions, "anchor_x", "anchor_y" and "sensor_positions".
+    parameters : mapping of str to (float, float) or float, optional
+        Values that a simulator of one's own takes, under the names that it gives them: the value
+        as assumed, and its relative standard deviation: it follows the data within that. A value
+        alone may be off by any amount, and is looked for like an effect.
     tolerance : Tolerance, float or mapping of str to float, optional
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
@@ -156,14 +174,21 @@ def diagnose(
     check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
+    simulator = simulator_of(model)
+    if simulator is None and parameters is not None:
+        raise ValueError(
+            "parameters = ... are values of a simulator of one's own: for a model or a Beam say"
+            " tolerances"
+        )
     if isinstance(model, Measurement) and not model.driven:
         if driven:
             raise ValueError("model is a Decay, which has no input: give the equation instead")
-        known = model_of_simulation([model])
-        model, references = known.model, [model, *references]
+        series = model
+        known = model_of_simulation([series])
+        model, references = known.model, [series, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    simulation = _equation_or_beam(model)
+    simulation: Any = None if simulator is not None else _equation_or_beam(model)
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
@@ -179,6 +204,13 @@ def diagnose(
     aside = cast(Decay | None, held_out)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
+    if simulator is not None:
+        refuse_beside("a simulator", "say it in the simulator", **without, tolerances=tolerances)
+        if again is not None:
+            options = options.tolerating(of_repeats([d.channel(0) for d in again], floor))
+        return diagnose_simulator(
+            simulator, several, aside, free, checked_values(parameters or {}), options
+        )
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
@@ -213,11 +245,28 @@ def diagnose(
 _Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
 
 
+def simulator_of(model: object) -> Simulator | None:
+    """A simulator of one's own, from a function, an object or a command; None for others.
+
+    Raises a ValueError for one that cannot be asked.
+    """
+    if isinstance(model, (Estimate, Equations, Beam, Measurement)):
+        return None
+    if isinstance(model, str):
+        return Simulator.of(Program(model))
+    if isinstance(model, Simulator) or callable(model) or callable(getattr(model, "simulate", 0)):
+        return Simulator.of(model)
+    return None
+
+
 def _equation_or_beam(model: object) -> Any:
     """What is simulated: the equation of an estimate, or what was given."""
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (Equations, Beam)):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+        raise TypeError(
+            f"model is a {type(model).__name__}: give a ReducedModel, Beam, Decay, or a function"
+            " simulate(release, t)"
+        )
     return simulation
 
 

@@ -11,6 +11,7 @@ from romsindy.physics.term import Term
 from romsindy.text import listed
 
 LANGUAGES = {"py": "Python", "m": "MATLAB", "c": "C", "mo": "Modelica"}
+_MATTERS = 2e-3  # of the largest of the laws, in text
 _FRAMES = {
     "py": "import math\n\n\ndef force(t, x, v):\n    return {}\n",
     "m": "function f = force(t, x, v)\nf = {};\nend\n",
@@ -29,18 +30,32 @@ class LawForce:
     """Laws of the coordinate q of an equation as a force on a point: f(t, x, v).
 
     The point moves by x = ``per_q`` q, and a force of 1 on it accelerates q by ``per_q`` over the
-    modal ``mass``; all laws with their coefficients stand on the left side of the equation.
+    modal ``mass``; all laws with their coefficients stand on the left side of the equation. It is
+    for displacements and velocities of the point up to ``reach``.
     """
 
     laws: tuple[tuple[Term, float], ...]
     mass: float
     per_q: float = 1.0
+    reach: tuple[float, float] = (1.0, 1.0)
 
     def __call__(self, t: float, x: float, v: float) -> float:
         """The force at a displacement and a velocity of the point."""
         q, q_dot = float(x) / self.per_q, float(v) / self.per_q
         total = sum(c * law.strong(q, q_dot, 0.0) for law, c in self.laws)
         return -self.mass / self.per_q * float(total)
+
+    def __str__(self) -> str:
+        """The force as text, of x and v, without what is too small to matter within ``reach``."""
+        q, q_dot = (n if self.per_q == 1 else f"({n}/{self.per_q:.4g})" for n in "xv")
+        at = [x / self.per_q for x in self.reach]
+        sizes = [abs(c * law.strong(*at, 0.0)) for law, c in self.laws]
+        terms = [
+            f"{-self.mass / self.per_q * c:.5g} {law.expression(q, q_dot, '')}"
+            for (law, c), size in zip(self.laws, sizes, strict=True)
+            if size >= _MATTERS * max(sizes)
+        ]
+        return " + ".join(terms).replace("+ -", "- ") or "0"
 
     def expression(self) -> Any:
         """The force as an expression of sympy, of the symbols x and v."""

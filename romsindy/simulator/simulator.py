@@ -236,18 +236,20 @@ class Simulator:
             f" {len(t)} times:"
         )
 
-    def check_again(self, release: float, t: Array, n_sensors: int) -> None:
+    def check_again(
+        self, release: float, t: Array, n_sensors: int, values: Mapping[str, float]
+    ) -> None:
         """Ask the beginning of a decay a second time.
 
         Raises a SimulatorError if another motion comes.
         """
         part = t[:_ASKED_TWICE]
-        first = self.decay(release, t, n_sensors).displacements[: len(part)]
-        again = self._asked(release, part, n_sensors, None, {})
+        first = self.decay(release, t, n_sensors, values=values).displacements[: len(part)]
+        again = self._asked(release, part, n_sensors, None, values)
         apart = float(np.abs(first - again).max())
         if apart > _SAME * float(np.abs(first).max()):
             raise SimulatorError(
-                f"{self._question(release, part, {})} asked twice, the answers are {apart:.3g}"
+                f"{self._question(release, part, values)} asked twice, the answers are {apart:.3g}"
                 " apart: a simulator must give the same each time; take noise and random numbers"
                 " out of it, or fix their seed"
             )

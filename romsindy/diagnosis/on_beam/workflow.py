@@ -39,7 +39,7 @@ from romsindy.diagnosis.on_beam.place import (
     moved_to,
     place_now,
 )
-from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
+from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     beam_with,
@@ -47,8 +47,9 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_error,
     position_gains,
 )
-from romsindy.diagnosis.rounds import Corrected, Outcome, Rounds, corrected
+from romsindy.diagnosis.rounds import Outcome, Rounds, corrected
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
@@ -59,7 +60,6 @@ from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _CYCLES = 12  # once it is calm: over these the beam is simulated with an effect at several places
@@ -196,11 +196,18 @@ def diagnose_beam(
     ]
     slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
-    errors = _sensor_errors(
-        seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
-    )
+    last = decays[-1].between(rounds.calm[-1])
+    errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
-    return BeamReport(found.report, faults, whole, found.parts, errors, found.trouble, place)
+    return BeamReport(
+        reduced=found.report,
+        parts=found.parts,
+        sensor_errors=errors,
+        trouble=found.trouble,
+        faults=faults,
+        seen=whole,
+        place=place,
+    )
 
 
 def _known_errors(
@@ -280,17 +287,6 @@ def _within_tolerances(
         found.append(position_error(seen, near["sensor_positions"]))
     deviations = np.array([near[p.name] for p in alike])
     return found + list(directions(model, records, alike, deviations) if alike else ())
-
-
-def _sensor_errors(
-    seen: InstrumentedBeam, decay: Decay, both: Sequence[Corrected]
-) -> tuple[SensorError, ...]:
-    """Every sensor against the beam before and after, in one record."""
-    readings = decay.between(end=both[0].decay.t[-1]).signal
-    noise = np.array([noise_std(y) for y in readings.T])
-    left = [readings - c.readings[-len(readings) :] for c in both]
-    errors = [np.sqrt(np.mean(x**2, axis=0)) / noise for x in left]
-    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
 
 
 def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:

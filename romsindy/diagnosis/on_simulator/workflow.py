@@ -1,0 +1,329 @@
+"""What a user's own simulator lacks, from measured decays: releases, equation, rounds, report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from romsindy.diagnosis.arguments import FREE
+from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
+from romsindy.diagnosis.on_simulator.report import SimulatorReport
+from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.rounds import Rounds, start_of
+from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
+from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.workflow import diagnose_model
+from romsindy.effects import LinearFrequency, Viscous
+from romsindy.effects.base import Effect
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Coefficient, Part
+from romsindy.fit.records.record import Record, scales
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Combination
+from romsindy.record.backbone import extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.simulator.force import LawForce
+from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
+from romsindy.typing import Array
+
+Values = Mapping[str, tuple[float, float | None]]  # as assumed, and a relative standard deviation
+
+_MOST_RELEASES = 20
+_NEXT, _DOWN_TO = 0.6, 1.5  # of the release before; of the least amplitude of the records
+_MOVES = 0.1  # of the largest channel: the first must tell where the structure is let go
+_LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+_PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
+_FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
+_CYCLES = 20  # that are simulated with a probe
+_FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_STEP = 0.01  # of a value, for what a change of it does
+
+
+def diagnose_simulator(
+    simulator: Simulator,
+    measured: Sequence[Decay],
+    held_out: Decay | None,
+    free: Sequence[str | Effect] | None,
+    parameters: Values,
+    options: Options,
+) -> SimulatorReport:
+    """Find, name and add what a simulator lacks; arguments as those of `diagnose`.
+
+    The simulator is let go from where the records are, and as often below as tells its stiffness,
+    inertia and damping over their range. An equation of one coordinate stands for it; what it does
+    beside the equation is taken off, and what is found goes into it as far as it takes a force or
+    the values.
+    """
+    simulator.check_values([*parameters])
+    _check(measured, free)
+    decays = [*measured, *([held_out] if held_out is not None else [])]
+    _check_channels(decays)
+    say = options.progress
+    values = {name: float(value) for name, (value, _) in parameters.items()}
+    say(f"simulator {simulator.name}: releases over the range of the records")
+    on, known = _reduced(simulator, decays, values, options)
+    model = replace(known.model, amplitude_range=None)
+    if simulator.takes_force:
+        say(f"simulator {simulator.name}: what a force does")
+        on = replace(on, scale=_force_scale(on, model))
+    own = [_value_effect(on, model, name, tolerance) for name, (_, tolerance) in parameters.items()]
+    near = [e for e in own if e.tolerance is not None]
+    # Values that are stated stand for what the simulation is unsure of.
+    free = (() if parameters else FREE) if free is None else free
+    unsure: list[Effect] = [_LINEAR[f] if isinstance(f, str) else f for f in free]
+    records = [Record.loud(on.decay(d), options.floor) for d in decays]
+    amplitude, omega = scales(records)[:2]
+    on = replace(on, reach=(amplitude, amplitude * omega))
+    looked_for = [*options.catalogue, *(e for e in own if e.tolerance is None)]
+    rounds = Rounds(
+        *(on, diagnose_model, model, records, decays, held_out is not None),
+        *([*unsure, *near], looked_for, options, [None] * len(records)),
+    )
+    before = rounds.begin()
+    found = rounds.run((), before)
+    report = SimulatorReport(
+        reduced=found.report,
+        parts=found.parts,
+        sensor_errors=(),
+        trouble=found.trouble,
+        seen=on,
+        missed=known.missed,
+    )
+    if report.not_there:  # the simulator is what it was
+        return report
+    last = decays[-1].between(rounds.calm[-1])
+    names = [f"channel {i + 1}" for i in range(len(on.shape))]
+    errors = sensor_errors(names, last, (before[-1], found.corrected[-1]))
+    return replace(report, sensor_errors=errors)
+
+
+def checked_values(given: Mapping[str, float | tuple[float, float]]) -> Values:
+    """Values of a simulator with their relative standard deviations, None where there is none.
+
+    Raises a ValueError for what is neither.
+    """
+    found: dict[str, tuple[float, float | None]] = {}
+    for name, said in given.items():
+        pair = said if isinstance(said, (tuple, list)) else (said, None)
+        numbers = [x for x in pair if x is not None]
+        right = len(pair) == 2 and all(isinstance(x, (int, float)) for x in numbers)
+        if not (right and np.all(np.isfinite(numbers)) and (pair[1] is None or pair[1] > 0)):
+            raise ValueError(
+                f"parameters of {name!r} = {said!r} must be a value, or a value and its relative"
+                " standard deviation, such as (1000.0, 0.05)"
+            )
+        found[name] = (float(pair[0]), pair[1])
+    return found
+
+
+def _check(measured: Sequence[Decay], free: Sequence[str | Effect] | None) -> None:
+    if not measured:
+        raise ValueError("measured is empty: give at least one Decay")
+    unknown = [f for f in free or () if not isinstance(f, Effect) and f not in _LINEAR]
+    if unknown:
+        raise ValueError(
+            f"free = {list(free or ())}: of a simulator, {list(_LINEAR)} can be free; name its own"
+            " values in parameters"
+        )
+
+
+def _check_channels(decays: Sequence[Decay]) -> None:
+    """Raise a ValueError for records that differ in channels or units."""
+    for i, decay in enumerate(decays):
+        if decay.n_channels != decays[0].n_channels or decay.unit != decays[0].unit:
+            raise ValueError(
+                f"decay {i} has {decay.n_channels} channels in {decay.unit}, and decay 0"
+                f" {decays[0].n_channels} in {decays[0].unit}: give the same of all"
+            )
+
+
+def _first(decay: Decay) -> Record:
+    """A record in its first channel, of which releases are."""
+    x = decay.q.reshape(len(decay.t), -1)
+    sizes = np.ptp(x, axis=0)
+    if sizes[0] < _MOVES * sizes.max():
+        raise ValueError(
+            f"the first channel moves by {sizes[0]:.3g}, the largest by {sizes.max():.3g}: give one"
+            " first that moves more, for a release is its displacement; and in the simulator, too"
+        )
+    return Record.loud(Decay(decay.t, x[:, 0], unit=decay.unit), 0.0)
+
+
+# -- releases --------------------------------------------------------------------------------------
+
+
+def _reduced(
+    simulator: Simulator, decays: Sequence[Decay], values: Mapping[str, float], options: Options
+) -> tuple[OnSimulator, SimulationModel]:
+    """The simulator in its coordinate, and its equation over the range of some records."""
+    n, records = decays[0].n_channels, [_first(d) for d in decays]
+    rate = float(np.mean([r.rate for r in records]))
+    longest = max(records, key=lambda r: float(r.t[-1]))
+    t = times(float(longest.t[-1]), longest.decay.dt, rate)
+    reaches = [_reach(r) for r in records]
+    release = max(reaches, key=abs)
+    least = min(float(extract_backbone(r.decay.single()).amplitude.min()) for r in records)
+    largest = simulator.decay(release, t, n, values=values)
+    simulator.check_again(release, t, n, values)
+    on = OnSimulator(simulator, _shape(largest.displacements), values)
+    answers = [largest]
+    for release in _below(on, largest, least):
+        options.progress(f"simulator {simulator.name}: released from {release:.4g}")
+        answers.append(simulator.decay(release, t, n, values=values))
+    series = [on.decay(Decay(a.t, a.displacements, unit=decays[0].unit)) for a in answers]
+    try:
+        known = model_of_simulation(series)
+    except ValueError as error:
+        raise ValueError(
+            f"simulator {simulator.name}, released from {largest.release:.4g}: {error}"
+        ) from error
+    model = replace(known.model, amplitude_range=None)
+    begins = [start_of(model, (), Record.of(s, options.floor))[0] for s in series]
+    on.released.extend(zip([a.release for a in answers], begins, strict=True))
+    return on, known
+
+
+def _reach(record: Record) -> float:
+    """The first extreme of a record, with its sign."""
+    x = record.signal - record.signal.mean()
+    first = x[: int(2 * np.pi / record.rate / record.decay.dt) + 1]
+    return float(first[np.argmax(np.abs(first))])
+
+
+def _shape(x: Array) -> Array:
+    """Shape (n_sensors,) of what moves most in displacements (n, n_sensors), 1 at the first."""
+    later = x[len(x) // 3 :]  # fast modes die first
+    _, _, modes = np.linalg.svd(later - later.mean(axis=0), full_matrices=False)
+    if abs(modes[0, 0]) < _MOVES * np.abs(modes[0]).max():
+        raise ValueError(
+            "the first channel hardly moves in the simulation: give one first that moves more,"
+            " for a release is its displacement"
+        )
+    return np.asarray(modes[0] / modes[0, 0])
+
+
+def _below(on: OnSimulator, largest: SimulatedDecay, least: float) -> Iterator[float]:
+    """Further releases down to where the records end."""
+    decay = on.decay(Decay(largest.t, largest.displacements))
+    end = float(extract_backbone(decay).amplitude.min())
+    release = abs(largest.release)
+    for _ in range(_MOST_RELEASES - 1):
+        if end <= _DOWN_TO * least:
+            return
+        # It falls by as much again from there.
+        fall, release = end / release, max(_NEXT * release, min(end, release), _DOWN_TO * least)
+        release = min(release, _NEXT * abs(largest.release))
+        yield float(np.copysign(release, largest.release))
+        end = fall * release
+
+
+# -- the way in ------------------------------------------------------------------------------------
+
+
+def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
+    """What a force does, from the frequency beside a spring that is added at its point.
+
+    Raises a SimulatorError where a force does nothing, or the opposite.
+    """
+    release, q = max(on.released, key=lambda pair: abs(pair[0]))
+    omega2 = model.coefficients["omega^2"]
+    cycles = _CYCLES * 2 * np.pi / omega2**0.5
+    whole = on.simulated(q, next(a.t for a in on.simulator.computed if a.release == release))
+    t = whole.t[: int(np.searchsorted(whole.t, cycles))]
+    base = _linear_change(on, model, whole.displacements[: len(t)], t)
+    stiffness = _PROBE * omega2  # of a modal mass of 1
+    for _ in range(_MOST_TRIED):
+        spring = _Spring(stiffness)
+        moved = on.simulated(q, t, spring)
+        change = (_linear_change(on, model, moved.displacements, t) - base) / omega2
+        if abs(change) > _FELT and 0.3 < abs(change) / _PROBE < 3:
+            break
+        factor = _PROBE / abs(change) if abs(change) > _FELT else _FARTHEST
+        stiffness *= float(np.clip(factor, 1 / _FARTHEST, _FARTHEST))
+    else:
+        raise SimulatorError(
+            f"simulator {on.simulator.name}: a force -k x changes its frequency by a part of"
+            f" {change:.2g} with k = {stiffness:.3g}: add force(t, x, v) to the forces on the point"
+            " whose displacement x and velocity v it takes"
+        )
+    if change < 0:
+        raise SimulatorError(
+            f"simulator {on.simulator.name}: a force -k x makes it softer: add force(t, x, v) to"
+            " the forces that push the point, not to those that hold it"
+        )
+    per_q = _per_q(on, moved, spring.seen)
+    return ForceScale(stiffness * per_q**2 / (change * omega2), per_q)
+
+
+@dataclass
+class _Spring:
+    """A force -k x that keeps when (s) it was asked, and at which displacement of its point."""
+
+    stiffness: float
+    seen: list[tuple[float, float]] = field(default_factory=list)
+
+    def __call__(self, t: float, x: float, v: float) -> float:
+        self.seen.append((float(t), float(x)))
+        return -self.stiffness * float(x)
+
+    def code(self, language: str) -> str:
+        """As that of every force."""
+        return LawForce(((Stiffness(1), self.stiffness),), 1.0).code(language)
+
+
+def _linear_change(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> float:
+    """Change of omega^2 of the equation that a simulated motion (n, n_sensors) shows."""
+    record = Record.of(Decay(t, on.coordinate(x)), 1e-6)
+    parts = [Part.of(e, scales([record]), 1) for e in _LINEAR.values()]
+    solution = fit(model, parts, [record], iterations=30)
+    return float(solution.parts[0].strengths[0, 0])
+
+
+def _per_q(on: OnSimulator, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:
+    """How far the point of a force moves where the coordinate moves by 1.
+
+    A program reads a file, and nobody sees where: it is taken for the first sensor.
+    """
+    inside = np.array([row for row in seen if moved.t[0] <= row[0] <= moved.t[-1]])
+    if not len(inside):
+        return 1.0
+    order = np.argsort(inside[:, 0])
+    at, x = inside[order].T
+    q = on.coordinate(moved.at(at))
+    per_q = float(q @ x / (q @ q))
+    return 1.0 if abs(per_q - 1) < _FIRST_SENSOR else per_q
+
+
+def _value_effect(
+    on: OnSimulator, model: ReducedModel, name: str, tolerance: float | None
+) -> ValueEffect:
+    """What a change of a value of the simulator does to its equation."""
+    value = on.values[name]
+    if value == 0:
+        raise ValueError(
+            f"parameters of {name!r} = 0: a part of it is 0 as well; give it the size that it may"
+            " have"
+        )
+    step = _STEP * value
+    release, q = max(on.released, key=lambda pair: abs(pair[0]))
+    base = next(a for a in on.simulator.computed if a.release == release)
+    there = on.simulated(q, base.t, values={**on.values, name: value + step})
+    slopes = (
+        _coefficients(on, model, there.displacements, base.t)
+        - _coefficients(on, model, base.displacements, base.t)
+    ) / step
+    direction = Combination(name, model.terms, tuple(slopes.tolist()))
+    deviation = None if tolerance is None else tolerance * abs(value)
+    return ValueEffect(name, value, direction, deviation)
+
+
+def _coefficients(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> Array:
+    """Changes of all coefficients of the equation that a simulated motion shows."""
+    record = Record.of(Decay(t, on.coordinate(x)), 1e-6)
+    parts = [Part(Coefficient(term), (), np.zeros((1, 1))) for term in model.terms]
+    solution = fit(model, parts, [record], iterations=30)
+    return np.array([p.strengths[0, 0] for p in solution.parts])
