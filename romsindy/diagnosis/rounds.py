@@ -35,6 +35,14 @@ _SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth o
 _RESTLESS, _NEXT = 1.3, 8
 
 
+class Moved(NamedTuple):
+    """A simulated motion over a record."""
+
+    readings: Sequence[Array]  # displacements, velocities, accelerations, (n, n_sensors) each
+    start: tuple[float, float]  # coordinate and its rate, as they were simulated
+    release: Any  # what is known of the start from now on
+
+
 class Corrected(NamedTuple):
     """A decay without the defect, what the sensors of the structure in it read, and its release."""
 
@@ -65,6 +73,11 @@ class SimulatedStructure(Protocol):
     def with_effects(self, parts: Sequence[Part]) -> tuple[Part, ...]:
         """Parts that can be on it, and are there."""
 
+    def start(
+        self, model: ReducedModel, parts: Sequence[Part], record: Record
+    ) -> tuple[float, float]:
+        """Coordinate and its rate at the start of a record."""
+
     def moved(
         self,
         equation: ExtendedEquation,
@@ -73,12 +86,11 @@ class SimulatedStructure(Protocol):
         decay: Decay,
         start: tuple[float, float],
         release: Any,
-    ) -> tuple[Sequence[Array], Any]:
+    ) -> Moved:
         """Simulate it with some parts from a state of the coordinate, over a record.
 
         ``equation`` is that of the coordinate with the same parts, ``decay`` what all sensors
-        measured in the record, ``release`` what was found before, or None. Displacements,
-        velocities and accelerations of the sensors, (n, n_sensors) each, and the release.
+        measured in the record, ``release`` what was found before, or None.
         """
 
 
@@ -138,7 +150,7 @@ class Rounds:
         Both the structure and its equation start there: the defect follows the start in proportion.
         """
         smooth = Record.of(found.decay, self.options.floor)
-        q, q_dot = np.subtract(start_of(self.model, (), smooth), found.start)
+        q, q_dot = np.subtract(self.structure.start(self.model, (), smooth), found.start)
         moved = np.hypot(q, q_dot / smooth.rate) / smooth.amplitude
         defect = np.std(record.signal - found.decay.signal)
         return bool(moved * defect > _ELSEWHERE * record.noise.std)
@@ -172,12 +184,20 @@ class Rounds:
                     break
                 most = self.options.max_effects
                 continue
-            parts = self.structure.with_effects(self._simulated_of(report).parts)
+            parts = self.next_parts(parts, self._simulated_of(report).parts)
             try:
                 found = self.simulate(parts)
             except self.structure.failures as error:
                 return Outcome(report, (), before, str(error))
         return Outcome(report, parts, found)
+
+    def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
+        """What stands in the equation for parts that are on the structure."""
+        return parts
+
+    def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
+        """What is put on the structure next, where ``parts`` are and some were ``found``."""
+        return self.structure.with_effects(found)
 
     def _look(
         self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
@@ -205,8 +225,8 @@ class Rounds:
         errors = np.sqrt(np.diag(chosen.covariance))
         rows = zip(chosen.parts, chosen.solution.slices(), strict=True)
         there = [(p, own) for p, own in rows if self.structure.with_effects([p])]
-        after = {_key(p): (p.values, errors[own]) for p, own in there}
-        before = {_key(p): p.values for p in parts}
+        after = {key_of(p): (p.values, errors[own]) for p, own in there}
+        before = {key_of(p): p.values for p in self.in_equation(parts)}
         if set(before) != set(after):
             return False
         return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())
@@ -228,10 +248,10 @@ def corrected(
     what all sensors measured, as fast as they did.
     """
     parts = structure.with_effects(parts)
-    start = start_of(model, parts, smooth)
     equation = equation_of(model, parts, 0, record)
+    start = structure.start(model, parts, smooth)
+    moved, start, release = structure.moved(equation, parts, record, decay, start, release)
     reduced = integrate(equation, np.array(start), record.motion.grid)
-    moved, release = structure.moved(equation, parts, record, decay, start, release)
     signals: dict[str, Any] = {}
     for name, measured in record.decay.signals.items():
         order = SIGNALS.index(name)
@@ -241,13 +261,19 @@ def corrected(
     return Corrected(own, moved[record.derivative], start, release)
 
 
-def _key(part: Part) -> tuple[str, str]:
+def key_of(part: Part) -> tuple[str, str]:
+    """What tells parts of a hypothesis apart."""
     return part.effect.name, part.effect.variant
 
 
-def start_of(model: ReducedModel, parts: Sequence[Part], record: Record) -> tuple[float, float]:
-    """Coordinate and its rate at the start of a record, which the reduced model follows."""
-    solution = fit(model, parts, [record], fixed=True, iterations=25)
+def start_of(
+    model: ReducedModel, parts: Sequence[Part], record: Record, *, fixed: bool = True
+) -> tuple[float, float]:
+    """Coordinate and its rate at the start of a record, which the equation follows.
+
+    Unless they are ``fixed``, values of the parts follow the record as well.
+    """
+    solution = fit(model, parts, [record], fixed=fixed, iterations=25)
     q, q_dot = (solution.motions[0] if solution.finite else record.motion).start
     return float(q), float(q_dot)
 

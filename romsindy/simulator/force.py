@@ -48,8 +48,8 @@ class LawForce:
     def __str__(self) -> str:
         """The force as text, of x and v, without what is too small to matter within ``reach``."""
         q, q_dot = (n if self.per_q == 1 else f"({n}/{self.per_q:.4g})" for n in "xv")
-        at = [x / self.per_q for x in self.reach]
-        sizes = [abs(c * law.strong(*at, 0.0)) for law, c in self.laws]
+        at, rate = (x / self.per_q for x in self.reach)
+        sizes = [abs(c * law.strong(at, rate, 0.0)) for law, c in self.laws]
         terms = [
             f"{-self.mass / self.per_q * c:.5g} {law.expression(q, q_dot, '')}"
             for (law, c), size in zip(self.laws, sizes, strict=True)

@@ -23,11 +23,13 @@ from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.beam.motion import StepTooLongError
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
+from romsindy.diagnosis.rounds import Moved, start_of
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import MOVING
+from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
 from romsindy.record.spectrum import noise_std
@@ -132,6 +134,11 @@ class OnBeam:
     def with_effects(self, parts: Sequence[Part]) -> tuple[Part, ...]:
         return on_the_beam(parts)
 
+    def start(
+        self, model: ReducedModel, parts: Sequence[Part], record: Record
+    ) -> tuple[float, float]:
+        return start_of(model, parts, record)
+
     def moved(
         self,
         equation: ExtendedEquation,
@@ -140,7 +147,7 @@ class OnBeam:
         decay: Decay,
         start: tuple[float, float],
         release: ReleaseLoad | None,
-    ) -> tuple[list[Array], ReleaseLoad]:
+    ) -> Moved:
         """What the sensors, that measured ``decay``, read of the beam with some parts.
 
         The release is read from them where none is given.
@@ -149,7 +156,7 @@ class OnBeam:
         own = decay.between(record.decay.t[0])
         if release is None:
             release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
-        return simulated(self.seen, beam, record, own, start, release), release
+        return Moved(simulated(self.seen, beam, record, own, start, release), start, release)
 
 
 def simulated(

@@ -16,17 +16,23 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
+from romsindy.diagnosis.rounds import Moved, start_of
+from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import TermEffect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
-from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record
+from romsindy.fit.kernel.part import Part, extended
+from romsindy.fit.records.record import Record, scales
+from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import Force, SimulatedDecay, Simulator, SimulatorError, times
 from romsindy.typing import Array
 
+_NEAR = 0.3  # of the largest velocity: a record that begins below it may begin with its release
+_CYCLES = 3  # at the start of a record, which tell the state that it begins with
+_FIRST = 2.0  # cycles in which other modes tell
 _AT_REST = 1e-6  # of the largest velocity: a record that begins so begins with its release
 _CREEP = 3e-3  # of the largest velocity, over which friction in a simulator turns round
 _BACK = 1.5  # periods within which the turning point before a state lies
@@ -108,7 +114,8 @@ class OnSimulator:
         )
         if self.scale is None or not laws:
             return None
-        reach = tuple(x * self.scale.per_q for x in self.reach)
+        q, q_dot = self.reach
+        reach = (q * self.scale.per_q, q_dot * self.scale.per_q)
         return LawForce(laws, self.scale.mass, self.scale.per_q, reach)
 
     def _smooth(self, law: Term | None) -> Term:
@@ -148,6 +155,17 @@ class OnSimulator:
         ratio = np.interp(abs(q), amplitudes[order], (releases / amplitudes)[order])
         return float(q * ratio)
 
+    def start(
+        self, model: ReducedModel, parts: Sequence[Part], record: Record
+    ) -> tuple[float, float]:
+        """The state that a record begins with, whatever is missing.
+
+        What is missing changes the first cycles as other linear values do, nearly.
+        """
+        first = record.until(_CYCLES * 2 * np.pi / record.rate)
+        linear = [Part.of(e, scales([record]), 1) for e in (LinearFrequency(), Viscous())]
+        return start_of(extended(model, self.with_effects(parts)), linear, first, fixed=False)
+
     def moved(
         self,
         equation: ExtendedEquation,
@@ -156,17 +174,40 @@ class OnSimulator:
         decay: Decay,
         start: tuple[float, float],
         release: Any,
-    ) -> tuple[list[Array], tuple[float, float]]:
+    ) -> Moved:
         """What the sensors read from a state of the coordinate on, over a record.
 
-        Displacements, velocities and accelerations (n, n_sensors); the release is the coordinate at
-        the turning point before, and how long before (s).
+        Where the record may begin with its release, the other modes in its first cycles say whether
+        it does; the release is whether it does so.
         """
+        q, q_dot = start
+        near = abs(q_dot) < _NEAR * record.rate * abs(q)
+        ways = [False, True] if near and release is None else [bool(release) and near]
+        moved = [self._from(way, equation, parts, record, start) for way in ways]
+        first = int(_FIRST * 2 * np.pi / record.rate / record.decay.dt)
+        at = int(np.searchsorted(decay.t, record.decay.t[0]))
+        shown = decay.signal.reshape(len(decay.t), -1)[at:][:first]
+        left = [
+            np.sum(np.var(shown - m.readings[record.derivative][:first], axis=0)) for m in moved
+        ]
+        return moved[int(np.argmin(left))]
+
+    def _from(
+        self,
+        released: bool,
+        equation: ExtendedEquation,
+        parts: Sequence[Part],
+        record: Record,
+        start: tuple[float, float],
+    ) -> Moved:
+        """The motion over a record that begins with its release, or after it."""
+        if released:
+            start = (float(np.copysign(np.hypot(start[0], start[1] / record.rate), start[0])), 0.0)
         q, before = turning_point(equation, start, record.rate)
         t = times(before + float(record.t[-1]), record.decay.dt, record.rate)
         answer = self.simulated(q, t, self.force(parts), self.values_with(parts))
         readings = [answer.at(before + record.t, order) for order in range(3)]
-        return readings, (q, before)
+        return Moved(readings, start, released)
 
 
 def turning_point(

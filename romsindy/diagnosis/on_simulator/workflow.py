@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +12,14 @@ from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
-from romsindy.diagnosis.rounds import Rounds, start_of
+from romsindy.diagnosis.rounds import Corrected, Rounds, key_of
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
 from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
+from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.records.record import Record, scales
@@ -25,7 +27,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
-from romsindy.record.decay import Decay
+from romsindy.record.decay import SIGNALS, Decay
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
 from romsindy.typing import Array
@@ -79,7 +81,7 @@ def diagnose_simulator(
     amplitude, omega = scales(records)[:2]
     on = replace(on, reach=(amplitude, amplitude * omega))
     looked_for = [*options.catalogue, *(e for e in own if e.tolerance is None)]
-    rounds = Rounds(
+    rounds = SimulatorRounds(
         *(on, diagnose_model, model, records, decays, held_out is not None),
         *([*unsure, *near], looked_for, options, [None] * len(records)),
     )
@@ -153,6 +155,62 @@ def _first(decay: Decay) -> Record:
     return Record.loud(Decay(decay.t, x[:, 0], unit=decay.unit), 0.0)
 
 
+@dataclass(eq=False)
+class SimulatorRounds(Rounds):
+    """A simulator and its equation beside records.
+
+    The equation follows what the simulator does with its own values of what was added: a strong
+    effect bends the structure otherwise than its slow mode, and the equation needs another one for
+    the same motion. What is measured is compared with that, and the simulator is changed by the
+    difference (indirect inference, [1]).
+
+    [1] C. Gourieroux, A. Monfort, E. Renault, Indirect inference, J. Appl. Econometrics 8 (1993).
+    """
+
+    own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
+
+    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
+        """Simulate with what was found, and let the equation follow."""
+        found = super().simulate(parts)
+        seen = [
+            _as_measured(r, self.structure.coordinate(c.readings))
+            for r, c in zip(self.records, found, strict=True)
+        ]
+        followed = fit(self.model, parts, seen, iterations=30)
+        if not followed.finite:
+            raise TrajectoryError("no motion of its equation follows it")
+        self.own = followed.parts
+        left = followed.residuals
+        return [
+            c._replace(decay=_with_signal(c.decay, r.signal - beside))
+            for r, c, beside in zip(self.records, found, left, strict=True)
+        ]
+
+    def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
+        return self.own
+
+    def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
+        """What was found, less what the equation needs for what is in the simulator."""
+        there = {key_of(p): p for p in parts}
+        own = {key_of(p): p for p in self.own}
+        return tuple(
+            there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
+            for p in self.structure.with_effects(found)
+        )
+
+
+def _with_signal(decay: Decay, signal: Array) -> Decay:
+    """The same with another signal (n,) in the place of what its sensor gave."""
+    given: dict[str, Any] = {SIGNALS[decay.derivative]: signal}
+    return replace(decay, **given)
+
+
+def _as_measured(record: Record, simulated: Array) -> Record:
+    """A record of a simulated signal (n,), with the noise of a measured one: as much is learnt."""
+    own = Record.of(_with_signal(record.decay, simulated), 1e-4)
+    return replace(own, noise=record.noise, doubts=record.doubts, first=record.first)
+
+
 # -- releases --------------------------------------------------------------------------------------
 
 
@@ -182,7 +240,7 @@ def _reduced(
             f"simulator {simulator.name}, released from {largest.release:.4g}: {error}"
         ) from error
     model = replace(known.model, amplitude_range=None)
-    begins = [start_of(model, (), Record.of(s, options.floor))[0] for s in series]
+    begins = [on.start(model, (), Record.of(s, options.floor))[0] for s in series]
     on.released.extend(zip([a.release for a in answers], begins, strict=True))
     return on, known
 
