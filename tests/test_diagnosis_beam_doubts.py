@@ -23,7 +23,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_error,
 )
 from romsindy.diagnosis.on_beam.workflow import calibrated
-from romsindy.diagnosis.rounds import calm_from
+from romsindy.diagnosis.structure import calm_from
 from romsindy.effects import AtPoint, Damper
 from romsindy.effects.base import Scales
 from romsindy.fit.kernel.part import Part

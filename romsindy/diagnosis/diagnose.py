@@ -26,7 +26,8 @@ from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
-from romsindy.diagnosis.on_simulator import SimulatorReport, checked_values, diagnose_simulator
+from romsindy.diagnosis.on_simulator.report import SimulatorReport
+from romsindy.diagnosis.on_simulator.workflow import checked_values, diagnose_simulator
 from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport

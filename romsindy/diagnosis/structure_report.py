@@ -13,9 +13,8 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.report import DiagnosisReport, Written
-from romsindy.diagnosis.rounds import Corrected
-from romsindy.diagnosis.verdict import Verdict
+from romsindy.diagnosis.structure import Corrected
+from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
 from romsindy.record.decay import Decay
 from romsindy.record.spectrum import noise_std
@@ -64,13 +63,13 @@ class StructureReport(Written):
         Why the structure could not be simulated with what was found; empty where it could.
     """
 
-    reduced: DiagnosisReport
+    reduced: Any
     parts: tuple[Part, ...]
     sensor_errors: tuple[SensorError, ...]
     trouble: str = ""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> str:
         """As of the equation; "unknown" where it could not be simulated with what was found."""
         return "unknown" if self.trouble else self.reduced.verdict
 

@@ -23,7 +23,7 @@ from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.beam.motion import StepTooLongError
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
-from romsindy.diagnosis.rounds import Moved, start_of
+from romsindy.diagnosis.structure import Moved, start_of
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
@@ -120,7 +120,7 @@ def _modal_forces(beam: Beam, dt: float) -> tuple[Array, float]:
 
 @dataclass(frozen=True, eq=False)
 class OnBeam:
-    """A beam as what a diagnosis simulates, see `romsindy.diagnosis.rounds.SimulatedStructure`."""
+    """A beam that a diagnosis simulates, see `diagnosis.structure.SimulatedStructure`."""
 
     seen: InstrumentedBeam
 

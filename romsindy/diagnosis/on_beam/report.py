@@ -22,7 +22,6 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     in_words,
 )
 from romsindy.diagnosis.structure_report import StructureReport
-from romsindy.diagnosis.verdict import Verdict
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -44,7 +43,7 @@ class BeamReport(StructureReport):
     place: PlaceOnBeam | None = None
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> str:
         """As of every structure; "named" where a sensor alone is to blame."""
         return "named" if super().verdict == "none" and self.faults else super().verdict
 

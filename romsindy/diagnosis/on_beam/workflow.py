@@ -47,8 +47,9 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_error,
     position_gains,
 )
-from romsindy.diagnosis.rounds import Outcome, Rounds, corrected
+from romsindy.diagnosis.rounds import Outcome, Rounds
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.structure import corrected
 from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
-from romsindy.diagnosis.rounds import Moved, start_of
+from romsindy.diagnosis.structure import Moved, start_of
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import TermEffect
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -41,7 +41,7 @@ _TIGHT = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class OnSimulator:
-    """A simulator as what a diagnosis simulates, see `rounds.SimulatedStructure`.
+    """A simulator as what a diagnosis simulates, see `structure.SimulatedStructure`.
 
     Attributes
     ----------

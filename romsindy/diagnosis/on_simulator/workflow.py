@@ -12,16 +12,18 @@ from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
-from romsindy.diagnosis.rounds import Corrected, Rounds, key_of
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.rounds import Rounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
+from romsindy.diagnosis.structure import Corrected, key_of
 from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Coefficient, Part
+from romsindy.fit.kernel.part import Coefficient, Part, Solution
 from romsindy.fit.records.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -42,6 +44,7 @@ _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_SETTLED = 0.7  # standard errors: the simulator itself must follow the records
 _STEP = 0.01  # of a value, for what a change of it does
 
 
@@ -88,7 +91,7 @@ def diagnose_simulator(
     before = rounds.begin()
     found = rounds.run((), before)
     report = SimulatorReport(
-        reduced=found.report,
+        reduced=rounds.with_values_of_simulator(found.report, found.parts),
         parts=found.parts,
         sensor_errors=(),
         trouble=found.trouble,
@@ -167,6 +170,7 @@ class SimulatorRounds(Rounds):
     [1] C. Gourieroux, A. Monfort, E. Renault, Indirect inference, J. Appl. Econometrics 8 (1993).
     """
 
+    near = _SETTLED
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
@@ -186,6 +190,16 @@ class SimulatorRounds(Rounds):
             for r, c, beside in zip(self.records, found, left, strict=True)
         ]
 
+    def with_values_of_simulator(
+        self, report: DiagnosisReport, parts: Sequence[Part]
+    ) -> DiagnosisReport:
+        """The same with the values that its best has in the simulator."""
+        own = {key_of(p): p.values for p in self.own}
+        more = {key_of(p): p.values - own[key_of(p)] for p in parts}
+        best = replace(report.best, weighed=InSimulator(report.best.weighed, more))
+        rivals = tuple(best if h is report.best else h for h in report.rivals)
+        return replace(report, best=best, rivals=rivals) if more else report
+
     def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
         return self.own
 
@@ -197,6 +211,28 @@ class SimulatorRounds(Rounds):
             there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
+
+
+@dataclass(frozen=True)
+class InSimulator:
+    """What a fit says of the values in a simulator: those in its equation, and by how much more."""
+
+    weighed: Any  # what it says of those in the equation, a `Weighing`
+    more: Mapping[tuple[str, str], Array]
+
+    @property
+    def needed(self) -> Any:
+        return self.weighed.needed
+
+    def excess(self, noise: Any) -> float:
+        return float(self.weighed.excess(noise))
+
+    def solved(self, solution: Solution, noise: Any) -> Any:
+        found = self.weighed.solved(solution, noise)
+        there = [
+            p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
+        ]
+        return found._replace(parts=tuple(there))
 
 
 def _with_signal(decay: Decay, signal: Array) -> Decay:
@@ -295,7 +331,7 @@ def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
     base = _linear_change(on, model, whole.displacements[: len(t)], t)
     stiffness = _PROBE * omega2  # of a modal mass of 1
     for _ in range(_MOST_TRIED):
-        spring = _Spring(stiffness)
+        spring = ProbeSpring(stiffness)
         moved = on.simulated(q, t, spring)
         change = (_linear_change(on, model, moved.displacements, t) - base) / omega2
         if abs(change) > _FELT and 0.3 < abs(change) / _PROBE < 3:
@@ -318,7 +354,7 @@ def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
 
 
 @dataclass
-class _Spring:
+class ProbeSpring:
     """A force -k x that keeps when (s) it was asked, and at which displacement of its point."""
 
     stiffness: float
