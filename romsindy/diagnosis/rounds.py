@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -57,7 +57,6 @@ class Rounds:
     options: Options
     # How each record started; None is found
     releases: list[Any]
-    near: ClassVar[float] = _SETTLED
     form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
@@ -165,4 +164,4 @@ class Rounds:
         before = {key_of(p): p.values for p in self.in_equation(parts)}
         if set(before) != set(after):
             return False
-        return all(np.all(np.abs(before[k] - x) <= self.near * e) for k, (x, e) in after.items())
+        return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -32,11 +32,28 @@ from romsindy.typing import Array
 
 _NEAR = 0.3  # of the largest velocity: a record that begins below it may begin with its release
 _CYCLES = 3  # at the start of a record, which tell the state that it begins with
+_STILL = 0.02  # the same where no other mode tells
+_TELLS = 1.02  # of what is left one way, the other: less may be noise
 _FIRST = 2.0  # cycles in which other modes tell
 _AT_REST = 1e-6  # of the largest velocity: a record that begins so begins with its release
 _CREEP = 3e-3  # of the largest velocity, over which friction in a simulator turns round
 _BACK = 1.5  # periods within which the turning point before a state lies
 _TIGHT = 1e-10
+
+
+def _other_modes(measured: Array, simulated: Array) -> float:
+    """What is left of a few cycles (n, n_sensors) by another size and time: other modes."""
+    columns = (simulated, np.gradient(simulated, axis=0), np.ones_like(simulated))
+    matrix = np.stack([x.ravel() for x in columns], axis=1)
+    found = np.linalg.lstsq(matrix, measured.ravel())[0]
+    return float(np.std(measured.ravel() - matrix @ found))
+
+
+class Beginning(NamedTuple):
+    """How a record begins: with its release or after it, and by how much more than was fitted."""
+
+    released: bool
+    size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,41 +190,44 @@ class OnSimulator:
         record: Record,
         decay: Decay,
         start: tuple[float, float],
-        release: Any,
+        release: Beginning | None,
     ) -> Moved:
         """What the sensors read from a state of the coordinate on, over a record.
 
         Where the record may begin with its release, the other modes in its first cycles say whether
-        it does; the release is whether it does so.
+        it does; where they say nothing, its velocity.
         """
-        q, q_dot = start
+        given, (q, q_dot) = (equation, parts, record, start), start
         near = abs(q_dot) < _NEAR * record.rate * abs(q)
-        ways = [False, True] if near and release is None else [bool(release) and near]
-        moved = [self._from(way, equation, parts, record, start) for way in ways]
-        first = int(_FIRST * 2 * np.pi / record.rate / record.decay.dt)
+        if release is not None or not near:
+            known = release or Beginning(False)
+            return self._from(known._replace(released=known.released and near), *given)
+        after, begins = (self._from(Beginning(way), *given) for way in (False, True))
+        n = int(_FIRST * 2 * np.pi / record.rate / record.decay.dt)
         at = int(np.searchsorted(decay.t, record.decay.t[0]))
-        shown = decay.signal.reshape(len(decay.t), -1)[at:][:first]
-        left = [
-            np.sum(np.var(shown - m.readings[record.derivative][:first], axis=0)) for m in moved
-        ]
-        return moved[int(np.argmin(left))]
+        measured = decay.signal.reshape(len(decay.t), -1)[at:][:n]
+        left = [_other_modes(measured, m.readings[record.derivative][:n]) for m in (after, begins)]
+        if max(left) < _TELLS * min(left):
+            return begins if abs(q_dot) < _STILL * record.rate * abs(q) else after
+        return begins if left[1] < left[0] else after
 
     def _from(
         self,
-        released: bool,
+        way: Beginning,
         equation: ExtendedEquation,
         parts: Sequence[Part],
         record: Record,
         start: tuple[float, float],
     ) -> Moved:
-        """The motion over a record that begins with its release, or after it."""
-        if released:
+        """The motion over a record that begins in one way."""
+        if way.released:
             start = (float(np.copysign(np.hypot(start[0], start[1] / record.rate), start[0])), 0.0)
+        start = (way.size * start[0], way.size * start[1])
         q, before = turning_point(equation, start, record.rate)
         t = times(before + float(record.t[-1]), record.decay.dt, record.rate)
         answer = self.simulated(q, t, self.force(parts), self.values_with(parts))
         readings = [answer.at(before + record.t, order) for order in range(3)]
-        return Moved(readings, start, released)
+        return Moved(readings, start, way)
 
 
 def turning_point(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
-from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.rounds import Rounds
+from romsindy.diagnosis.rounds import Outcome, Rounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
 from romsindy.diagnosis.structure import Corrected, key_of
@@ -22,14 +23,16 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Coefficient, Part, Solution
+from romsindy.fit.kernel.part import Coefficient, Part, Solution, moved_parts
 from romsindy.fit.records.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import SIGNALS, Decay
+from romsindy.record.spectrum import noise_std
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
 from romsindy.typing import Array
@@ -44,7 +47,8 @@ _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
-_SETTLED = 0.7  # standard errors: the simulator itself must follow the records
+_CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
+_LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 
 
@@ -170,11 +174,15 @@ class SimulatorRounds(Rounds):
     [1] C. Gourieroux, A. Monfort, E. Renault, Indirect inference, J. Appl. Econometrics 8 (1993).
     """
 
-    near = _SETTLED
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
 
-    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
-        """Simulate with what was found, and let the equation follow."""
+    def simulate(self, parts: Sequence[Part], *, begun: bool = False) -> list[Corrected]:
+        """Simulate with what was found, and let the equation follow.
+
+        How records begin is looked at anew, unless that is known by now.
+        """
+        if not begun:
+            self.releases = [None] * len(self.records)
         found = super().simulate(parts)
         seen = [
             _as_measured(r, self.structure.coordinate(c.readings))
@@ -194,14 +202,92 @@ class SimulatorRounds(Rounds):
         self, report: DiagnosisReport, parts: Sequence[Part]
     ) -> DiagnosisReport:
         """The same with the values that its best has in the simulator."""
-        own = {key_of(p): p.values for p in self.own}
-        more = {key_of(p): p.values - own[key_of(p)] for p in parts}
+        found = {key_of(p): p.values for p in report.best.parts}
+        more = {key_of(p): p.values - found[key_of(p)] for p in parts if key_of(p) in found}
         best = replace(report.best, weighed=InSimulator(report.best.weighed, more))
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         return replace(report, best=best, rivals=rivals) if more else report
 
     def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
         return self.own
+
+    def run(
+        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
+    ) -> Outcome:
+        """As every structure; then the simulator itself comes as near to the records as it can."""
+        best = super().run(effects, before, parts)
+        for _ in range(_POLISHED):
+            if best.trouble or not best.parts or self.own_error(best.corrected) <= _CLOSE:
+                break
+            self.options.progress(f"{self.structure.what} nearer to the records")
+            changed = self._nearer(best)
+            found = self.simulate(changed, begun=True)
+            report = self._look(effects, found, len(best.report.best.effects))
+            nearer = self.own_error(found) < self.own_error(best.corrected)
+            if not nearer or report.best.names != best.report.best.names:
+                break
+            best = Outcome(report, changed, found)
+        return best
+
+    def own_error(self, found: Sequence[Corrected]) -> float:
+        """Rms of measured minus simulated over the noise, at the worst sensor of all records."""
+        rows = zip(found, self.raw, strict=True)
+        names = [""] * len(self.structure.shape)
+        errors = [
+            sensor_errors(names, raw.between(c.decay.t[0], c.decay.t[-1]), (c, c))
+            for c, raw in rows
+        ]
+        return max(e.after for several in errors for e in several)
+
+    def _nearer(self, best: Outcome) -> tuple[Part, ...]:
+        """What is in the simulator, changed by one step of least squares on its own readings.
+
+        Beside it each record may begin a little larger, or later.
+        """
+        values = np.concatenate([p.values for p in best.parts])
+        steps = _STEP * np.where(values == 0, 1.0, np.abs(values))
+        rows = [self._linear(i, c, best.parts, steps) for i, c in enumerate(best.corrected)]
+        change = np.zeros(len(steps))
+        learnt = rows[: self.n_training]
+        for own in (learnt, rows):  # what took no part says how it begins alone
+            left = [r.left - r.by_value @ change for r in own]
+            blocks = block_diag(*(r.by_start for r in own))
+            free = own is learnt
+            matrix = (
+                np.hstack([np.concatenate([r.by_value for r in own]), blocks]) if free else blocks
+            )
+            scale = np.linalg.norm(matrix, axis=0)
+            found = np.linalg.lstsq(matrix / scale, np.concatenate(left))[0] / scale
+            change = found[: len(steps)] if free else change
+        for i, c in enumerate(best.corrected):
+            size = c.release.size * (1 + found[2 * i])
+            self.releases[i] = c.release._replace(size=float(size))
+        return moved_parts(best.parts, change)
+
+    def _linear(
+        self, i: int, c: Corrected, parts: tuple[Part, ...], steps: Array
+    ) -> LinearReadings:
+        """What readings of a record follow, by simulations with small changes."""
+        record, raw = self.records[i], self.raw[i]
+        own = raw.between(c.decay.t[0], c.decay.t[-1])
+        measured = own.signal.reshape(len(own.t), -1)
+        noise = np.array([noise_std(y) for y in measured.T])
+
+        def change(there: tuple[Part, ...], release: Beginning, step: float) -> Array:
+            equation = equation_of(self.model, there, i, record)
+            start = tuple(x / c.release.size for x in c.start)
+            moved = self.structure.moved(equation, there, record, raw, start, release)
+            return ((moved.readings[record.derivative] - c.readings) / step / noise).ravel()
+
+        by_value = [
+            change(moved_parts(parts, step * one), c.release, step)
+            for step, one in zip(steps, np.eye(len(steps)), strict=True)
+        ]
+        larger = c.release._replace(size=c.release.size * (1 + _LARGER))
+        later = np.gradient(c.readings, record.decay.dt, axis=0) / noise
+        by_start = [change(parts, larger, _LARGER), later.ravel()]
+        left = ((measured - c.readings) / noise).ravel()
+        return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
         """What was found, less what the equation needs for what is in the simulator."""
@@ -211,6 +297,17 @@ class SimulatorRounds(Rounds):
             there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
+
+
+class LinearReadings(NamedTuple):
+    """What is left of a record, (m,) over the noise, and what it follows, (m, k) each.
+
+    Values of the simulator; the size and the time with which the record begins.
+    """
+
+    left: Array
+    by_value: Array
+    by_start: Array
 
 
 @dataclass(frozen=True)
