@@ -135,7 +135,8 @@ class Program:
     def _run(self, filled: Mapping[str, str], folder: Path) -> None:
         arguments = [_PLACE.sub(lambda m: filled[m[1]], word) for word in shlex.split(self.command)]
         (folder / "command.txt").write_text(shlex.join(arguments) + "\n", encoding="utf-8")
-        asked = f"simulator {self.command!r}, release = {filled['release']} (folder {folder}):"
+        release = float(filled["release"])
+        asked = f"simulator {self.command!r}, release = {release:.6g} (folder {folder}):"
         try:
             done = subprocess.run(
                 arguments,
@@ -160,9 +161,8 @@ class Program:
         printed = f"{done.stdout}\n{done.stderr}".strip()
         (folder / "printed.txt").write_text(printed + "\n", encoding="utf-8")
         if done.returncode:
-            raise SimulatorError(
-                f"{asked} it ended with {done.returncode} and said:\n{printed[-_TOLD:]}"
-            )
+            said = f" and said:\n{printed[-_TOLD:]}" if printed else " and said nothing"
+            raise SimulatorError(f"{asked} it ended with {done.returncode}{said}")
 
     def _read(self, out: Path, t: Array, folder: Path) -> Array:
         asked = f"simulator {self.command!r} (folder {folder}):"
