@@ -95,7 +95,7 @@ class SimulatorReport(StructureReport):
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)
             lines.append(
-                f"Added to {name}: {listed(added)}. Its own error in {worst.label} falls from"
+                f"Added to {name}: {listed(added)}. Its own error in {worst.label} goes from"
                 f" {worst.before:.3g} to {worst.after:.3g} times the noise."
             )
         if self.not_there and not self.trouble:
