@@ -115,7 +115,7 @@ def _values(_: click.Context, option: click.Parameter, given: tuple[str, ...]) -
 
 _HEADINGS = {
     "What is compared": "--measured --simulated --model --beam --held-out",
-    "A simulator of one's own": "--simulator --parameter --runs --time-limit",
+    "Your own simulator": "--simulator --parameter --runs --time-limit",
     "Reading": f"{READING} --mode --band --release --whole",
     "Measured inputs": INPUTS,
     "What does not matter": "--tolerance --repeats --reference --floor",
