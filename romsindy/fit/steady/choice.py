@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from romsindy.effects.choices import sought
-from romsindy.fit.choice.selection import Gram, Linearised, Trials
+from romsindy.fit.choice import Gram, Linearised, Trials
 from romsindy.fit.steady.balance import CHAIN, linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, solve

@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from romsindy.fit.choice.choice_error import counting_choice
+from romsindy.fit.choice import counting_choice
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
