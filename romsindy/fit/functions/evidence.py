@@ -39,6 +39,8 @@ _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
 _LOST = 1e4  # changes, in amplitudes, that lead nowhere
 # A structure whose misfit is so many times the noise after so many steps will not come down.
 _HOPELESS, _PATIENCE = 3.0, 3
+_EACH = 8  # draws for each set of scales
+_SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
 _NEAR = 0.05  # changes, in amplitudes, below which the equation is nearly linear
 _ROUGH = 0.03  # errors of the smoothed acceleration, as a part of its rms
 # A step this small, in amplitudes, changes no figure that is printed; neither does this in the
@@ -304,8 +306,7 @@ def _hessian(f: Callable[[Array], float], x: Array, step: float = 0.05) -> Array
     return hessian
 
 
-_EACH = 8  # draws for each set of scales
-_SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
+# -- functions that may be true --------------------------------------------------------------------
 
 
 def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:

@@ -46,6 +46,10 @@ from romsindy.typing import Array, Indices
 
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
+_ALWAYS, _LINEAR = Stiffness(1), PowerDamping(1)
+_LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
+_ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
+_BLOCKS = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -248,7 +252,7 @@ def fit_steady(
     if model is None:
         if fixed:
             raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
-        model, slope = choose(points, unit, gain, slope, phase)
+        model, slope = _choose(points, unit, gain, slope, phase)
     free = _free(model, fixed)
     if gain is None:
         _require_lags(points)
@@ -264,7 +268,7 @@ def fit_steady(
     n, verdict = len(free), verdict_of(points, solution, std is not None)
     notes = notes_on(points, solution, together, std is not None)
     if chosen:
-        every = every_choice(points, solution, some_slope, joint)
+        every = _every_choice(points, solution, some_slope, joint)
         joint, doubts = counting_choice(solution.free, joint, every)
         notes += doubts
     return SteadyFit(
@@ -372,14 +376,10 @@ def _covariance(points: SteadyPoints, solution: SteadySolution, together: float)
     return plain @ scores @ plain
 
 
-_ALWAYS = Stiffness(1)
-_LINEAR = PowerDamping(1)
-_LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
-_ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
-_BLOCKS = 5
+# -- the choice of terms ---------------------------------------------------------------------------
 
 
-def choose(
+def _choose(
     points: SteadyPoints,
     unit: str | None,
     gain: float | None,
@@ -398,7 +398,7 @@ def choose(
         model = ReducedModel(tuple(terms), start, unit)
         now = 0.0 if slope is None and "slope" not in chosen else slope
         found = solve(points, model, tuple(model.coefficients), gain, now, phase)
-        every = every_choice(points, found, slope is None)
+        every = _every_choice(points, found, slope is None)
         best = {every.name(g) for g in every.trials.chosen(every.present)}
         if best == chosen:
             break
@@ -406,7 +406,7 @@ def choose(
     return model, now
 
 
-def every_choice(
+def _every_choice(
     points: SteadyPoints, found: SteadySolution, with_slope: bool, covariance: Array | None = None
 ) -> Linearised:
     """All candidates, with the slope of the chain or without, about the orbits of a solution.
