@@ -131,7 +131,15 @@ class CoupledModel(Equations):
     residual_and_slopes = linearise
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
-        return self.linearise(*self._motion(q, q_dot, q_ddot))[0]
+        q, q_dot, q_ddot = self._motion(q, q_dot, q_ddot)
+        residual = self._polynomials.residual(q, q_dot, q_ddot)
+        for w, model in self._directions:
+            d, d_dot, d_ddot = q @ w, q_dot @ w, q_ddot @ w
+            force = model.residual(d, d_dot, d_ddot)
+            if not _is_coordinate(w):  # unit masses belong to the coordinates alone
+                force = force - d_ddot
+            residual += force[..., None] * w
+        return residual
 
     def inertia(self, q: ArrayLike) -> Array:
         """M(q), (..., R, R)."""
@@ -381,6 +389,15 @@ class _Polynomials(NamedTuple):
                 rates, second = ((), others[0]) if part is self.m else (tuple(others), None)
                 found.append(_Products(i, rates, second, part[(slice(None), *place)]))
         return found
+
+    def residual(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """As `CoupledModel.residual`."""
+        residual, products = np.zeros(q.shape), np.prod(self.factors(q, self.powers), axis=0)
+        v, a = np.moveaxis(q_dot, -1, 0), np.moveaxis(q_ddot, -1, 0)
+        for column in self.columns:
+            value = np.tensordot(column.values, products, 1)
+            residual[..., column.equation] += value * column.signal(v, a)
+        return residual
 
     def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
         """As `CoupledModel.linearise`."""
