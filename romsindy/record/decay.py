@@ -91,7 +91,7 @@ class Decay(Measurement):
         t = checked_time(self.t)
         signals = {
             name: checked_signal(name, getattr(self, name), len(t))
-            for name in _NAMES
+            for name in SIGNALS
             if getattr(self, name) is not None
         }
         if any(x.shape != signals["q"].shape for x in signals.values()):
