@@ -256,7 +256,9 @@ class SimulatorRounds(Rounds):
             matrix = (
                 np.hstack([np.concatenate([r.by_value for r in own]), blocks]) if free else blocks
             )
-            scale = np.linalg.norm(matrix, axis=0)
+            # A value that is held, or at its limit, moves nothing: it stays.
+            size = np.linalg.norm(matrix, axis=0)
+            scale = np.where(size > 0, size, 1.0)
             found = np.linalg.lstsq(matrix / scale, np.concatenate(left))[0] / scale
             change = found[: len(steps)] if free else change
         for i, c in enumerate(best.corrected):
