@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy.independence import by_values, examine_driven
+from romsindy.fit.adequacy.independence import by_values, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
@@ -42,23 +42,38 @@ _SETTLED, _UNSETTLED = 16, 60
 class ByNoises:
     """What a fit says of its values by noises of the sensors, and forces that were not measured.
 
-    ``tables`` are derivatives of the reading of each record and its misfit, at the ``places`` of
-    the values; states at the start are those that the forces allow.
+    ``tables`` are derivatives of the reading of each record by the values of the ``parts``, and its
+    misfit, at the ``places`` of the values; states at the start are those that the forces allow.
     """
 
-    n_values: int
+    parts: tuple[Part, ...]
     places: tuple[Indices, ...]
     tables: tuple[NoiseTable, ...]
 
     @classmethod
     def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
-        """Linearise a fit about its motion."""
-        parts, places, tables = solution.parts, [], []
-        n_values = sum(p.size for p in parts)
-        for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            tables.append(by_values(model, parts, i, record, motion, solution.residuals[i])[1])
-            places.append(columns_of(parts, i))
-        return cls(n_values, tuple(places), tuple(tables))
+        """Linearise a fit about its motion.
+
+        About that which forces move where values go further than it can tell: the squares that a
+        fit left least are another's where the forces shift a jump of the response.
+        """
+        found = cls._about(model, solution, records)
+        if found.finite and found._part(found._step(found.needed)[1]) < 1:
+            moved = settled(model, solution, records, dict(enumerate(found.needed)))
+            return found if moved is None else cls._about(model, moved, records)
+        return found
+
+    @classmethod
+    def _about(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
+        parts, pairs = solution.parts, zip(records, solution.motions, strict=True)
+        return cls(
+            parts,
+            tuple(columns_of(parts, i) for i in range(len(records))),
+            tuple(
+                by_values(model, parts, i, *pair, solution.residuals[i])[1]
+                for i, pair in enumerate(pairs)
+            ),
+        )
 
     @property
     def finite(self) -> bool:
@@ -76,24 +91,29 @@ class ByNoises:
 
     def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
         """The fit by these noises, its own where none are given."""
-        parts, system = solution.parts, NormalEquations(self.n_values, 0)
-        for where, table, own in zip(self.places, self.tables, noise or self.needed, strict=True):
+        system, step = self._step(noise or self.needed)
+        step = step * self._part(step)
+        moved = moved_parts(self.parts, step)
+        return Solved(system, system.chi_squared(step), moved, system.covariance(), self.parts)
+
+    def _step(self, noise: tuple[Noises, ...]) -> tuple[NormalEquations, Array]:
+        """Normal equations by these noises, and the step that they ask for."""
+        n_values = sum(p.size for p in self.parts)
+        system = NormalEquations(n_values, 0)
+        for where, table, own in zip(self.places, self.tables, noise, strict=True):
             system.add_products(where, table.weighed(own).products)
-        system.add_priors(parts)
-        step = system.bounded_step(np.zeros(self.n_values, bool), *limits(parts))
-        step = self._short(step)
-        moved = moved_parts(parts, step)
-        return Solved(system, system.chi_squared(step), moved, system.covariance())
+        system.add_priors(self.parts)
+        return system, system.bounded_step(np.zeros(n_values, bool), *limits(self.parts))
 
-    def _short(self, step: Array) -> Array:
-        """A step as far as it moves the simulation by no more than what is left of the records.
+    def _part(self, step: Array) -> float:
+        """Of a step, as far as it moves the simulation by no more than what is left of the records.
 
-        Noise alone never moves a fit further, and a linear problem does not know what lies there.
+        A linear problem does not know what lies beyond.
         """
         left = sum(float(t.left @ t.left) for t in self.tables)
         pairs = zip(self.tables, self.places, strict=True)
         moved = sum(float(np.sum((t.fitted @ step[where]) ** 2)) for t, where in pairs)
-        return step * min(1.0, np.sqrt(left / max(moved, 1e-300)))
+        return float(min(1.0, np.sqrt(left / max(moved, 1e-300))))
 
 
 @dataclass(frozen=True)
