@@ -22,7 +22,7 @@ from romsindy.fit.adequacy.independence import by_values, examine_driven, settle
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises
+from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises, usual_noises
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts
 from romsindy.fit.kernel.prepared import Prepared
@@ -58,7 +58,8 @@ class ByNoises:
         fit left least are another's where the forces shift a jump of the response.
         """
         found = cls._about(model, solution, records)
-        if found.finite and found._part(found._step(found.needed)[1]) < 1:
+        usual = tuple(usual_noises(t.noises, t.left) for t in found.tables) if found.finite else ()
+        if usual and found._part(found._step(usual)[1]) < 1:
             moved = settled(model, solution, records, dict(enumerate(found.needed)))
             return found if moved is None else cls._about(model, moved, records)
         return found

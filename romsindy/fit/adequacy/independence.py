@@ -89,8 +89,7 @@ def examine_driven(
     verdict = examine_forced(records, solution.residuals, solution.n_values, false_alarm)
     if not 0 < verdict.part < np.inf:
         return verdict
-    pairs = [*enumerate(records)]
-    return judged(verdict, examine_independence(model, solution, pairs), pairs)
+    return judged(verdict, where_moved(model, solution, records)[0], [*enumerate(records)])
 
 
 def judged(
@@ -124,10 +123,10 @@ def examine_independence(
     return independence(tables, sum(part.size for part in solution.parts))
 
 
-def of_decays(
+def where_moved(
     model: Equations, solution: Solution, records: Sequence[Prepared]
 ) -> tuple[Independence, Solution | None]:
-    """What goes with the motion of decays in that which a fit leaves, and the noises in it.
+    """What goes with motion or input in that which a fit leaves, and the noises in it.
 
     It is looked for about the motions that forces move which nobody measured, those of the second
     if there is one: about a simulation that they led far off, what they do would go with it.
@@ -138,7 +137,14 @@ def of_decays(
         table = by_values(*fitted, solution.residuals[i])[1]
         noises[i] = found_noises(table.noises, table.left)
     moved = settled(model, solution, records, noises)
-    found = examine_independence(model, moved or solution, pairs)
+    return examine_independence(model, moved or solution, pairs), moved
+
+
+def of_decays(
+    model: Equations, solution: Solution, records: Sequence[Prepared]
+) -> tuple[Independence, Solution | None]:
+    """What goes with the motion of decays, as `where_moved`; too loud a noise does as well."""
+    found, moved = where_moved(model, solution, records)
     if any(_louder(n, record) for n, record in zip(found.noises, records, strict=True)):
         found = replace(found, p_value=0.0)
     return found, moved

@@ -285,6 +285,12 @@ def found_noises(noises: TwoNoises, left: Array) -> Noises:
     return search.sized(best)
 
 
+def usual_noises(noises: TwoNoises, left: Array) -> Noises:
+    """Without a search: what is left is of the sensors, and a force moves as much."""
+    search = _NoiseSearch.of(noises, left)
+    return search.noises(search.alike(0.0, 0.0))
+
+
 @dataclass(frozen=True)
 class _NoiseSearch:
     """For noises, by powers of e on the usual force, arctanh of colours, powers of e on sensors.
