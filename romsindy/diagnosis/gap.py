@@ -23,6 +23,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
+from romsindy.text import left_over
 from romsindy.typing import Array
 
 HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
@@ -68,10 +69,15 @@ class Prediction:
         misfit = self.record.signal - simulated
         return misfit if part is None else np.where(part, misfit, np.nan)
 
-    def beyond_noise(self, simulated: Array) -> float:
-        """Rms of the misfit without the part of the noise, over the largest amplitude."""
-        power = np.nanmean(self.misfit(simulated) ** 2) - self.record.noise.std**2
-        return float(np.sqrt(np.maximum(power, 0.0)) / np.abs(self.record.signal).max())
+    def part(self, simulated: Array) -> float:
+        """Rms of the misfit over that of the response."""
+        misfit = self.misfit(simulated)
+        response = float(np.std(self.record.signal[~np.isnan(misfit)]))
+        return float(np.sqrt(np.nanmean(misfit**2))) / response
+
+    def left(self, simulated: Array) -> str:
+        """Both in words."""
+        return left_over(self.part(simulated), self.error(simulated))
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""

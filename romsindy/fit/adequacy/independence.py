@@ -39,7 +39,7 @@ from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_noises, steady
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts
-from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of, part_of
 from romsindy.fit.verdict import EXPLAINED, FADES, FALSE_ALARM
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
@@ -327,7 +327,6 @@ def examine_forced(
     """How much residuals (n,) are; what they are is not tried, see `independence`."""
     n = sum(map(len, residuals))
     power = sum(float(e @ e) for e in residuals)
-    heard = sum(r.power for r in records)
     return ForcedAdequacy(
         ratio=float(np.sqrt(chi_squared_of(records, residuals) / max(n - n_values, 1))),
         p_value=np.nan,
@@ -339,7 +338,7 @@ def examine_forced(
         unit=records[0].decay.unit,
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
-        part=float(np.sqrt(power / heard)),
+        part=part_of(records, residuals),
         measured_unit=records[0].decay.signal_unit,
         levels=_levels(records, residuals),
     )
