@@ -282,18 +282,18 @@ def test_each_tolerance_is_said_to_be_from_where_it_is():
 @pytest.mark.parametrize(
     ("times", "sentence"),
     [
-        (
-            1.1,
-            "nothing but noise ({}, 0.93 times {}); at the worst sensor, y(0.2), {}, 1.1 times {}.",
-        ),
-        (2.1, "{}, 2.1 times {} at the worst sensor, y(0.2); {}, 0.93 times {} in the coordinate"),
+        (1.1, "nothing but noise ({first}); at the worst sensor, y(0.2), {worst}."),
+        (2.1, "{worst} at the worst sensor, y(0.2); {first} in the coordinate of the first mode."),
     ],
 )
 def test_what_is_left_of_a_beam_is_one_sentence(times, sentence):
-    first = SimpleNamespace(after=None, left=lambda _: left_over(0.01, 0.93))
+    told = {
+        "first": left_over(0.02, 0.93),
+        "worst": f"1 % of the response, {times} times the noise",
+    }
+    first = SimpleNamespace(after=None, left=lambda _: told["first"])
     gap = SimpleNamespace(predictions=[first], worst=0)
-    told = sentence.replace("times {}", "times the noise").replace("{}", "1 % of the response")
-    assert over_sensors(gap, "noise", "y(0.2)", 0.01, times).startswith(told)
+    assert over_sensors(gap, "noise", "y(0.2)", 0.01, times) == sentence.format(**told)
 
 
 def test_every_verdict_has_an_exit_code():
