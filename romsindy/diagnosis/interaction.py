@@ -282,9 +282,3 @@ def not_followed(other: Vibration) -> str:
         f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
         " found that follow the records, so that its part is not known."
     )
-
-
-def leaves(found: Interaction) -> str:
-    """What one coordinate and two leave, for a picture of it."""
-    alone, together = found.left
-    return f"Of {found.pieces}, all values fitted: one coordinate leaves {alone}; two {together}"

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy.independence import by_values, examine_driven, settled
+from romsindy.fit.adequacy.independence import by_value_of, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
@@ -28,7 +28,6 @@ from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_p
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.equations import Equations
-from romsindy.physics.input import Input
 from romsindy.typing import Array, Indices
 
 _FAR = 1e100  # nothing that moves
@@ -59,22 +58,15 @@ class ByNoises:
         """
         found = cls._about(model, solution, records)
         usual = tuple(usual_noises(t.noises, t.left) for t in found.tables) if found.finite else ()
-        if usual and found._part(found._step(usual)[1]) < 1:
+        if usual and found._within(found._step(usual)[1]) < 1:
             moved = settled(model, solution, records, dict(enumerate(found.needed)))
             return found if moved is None else cls._about(model, moved, records)
         return found
 
     @classmethod
     def _about(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
-        parts, pairs = solution.parts, zip(records, solution.motions, strict=True)
-        return cls(
-            parts,
-            tuple(columns_of(parts, i) for i in range(len(records))),
-            tuple(
-                by_values(model, parts, i, *pair, solution.residuals[i])[1]
-                for i, pair in enumerate(pairs)
-            ),
-        )
+        places = tuple(columns_of(solution.parts, i) for i in range(len(records)))
+        return cls(solution.parts, places, tuple(by_value_of(model, solution, records)))
 
     @property
     def finite(self) -> bool:
@@ -93,7 +85,7 @@ class ByNoises:
     def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
         """The fit by these noises, its own where none are given."""
         system, step = self._step(noise or self.needed)
-        step = step * self._part(step)
+        step = step * self._within(step)
         moved = moved_parts(self.parts, step)
         return Solved(system, system.chi_squared(step), moved, system.covariance(), self.parts)
 
@@ -106,7 +98,7 @@ class ByNoises:
         system.add_priors(self.parts)
         return system, system.bounded_step(np.zeros(n_values, bool), *limits(self.parts))
 
-    def _part(self, step: Array) -> float:
+    def _within(self, step: Array) -> float:
         """Of a step, as far as it moves the simulation by no more than what is left of the records.
 
         A linear problem does not know what lies beyond.
@@ -190,9 +182,8 @@ class NoiseOfBest:
                     s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
         weighed = ByNoises.of(model, s, records) if there else None
-        if weighed is not None and not weighed.finite:
-            weighed = None
-        return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
+        told = weighed if weighed is not None and weighed.finite else None
+        return replace(hypothesis, solution=replace(s, converged=ended), weighed=told)
 
 
 def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
@@ -207,16 +198,12 @@ def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
 def driven_instead(model: Equations, parts: Sequence[Part]) -> Equations:
     """The model without the inputs that parts stand instead of, and with those that are others."""
     others = (InputDelay, InputLag, InputBetweenSamples)
-    changed = [p.effect for p in parts if isinstance(p.effect, others)]
-    instead: dict[str, Input | None] = {
+    instead = {
         e.of.key: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
-        for e in changed
+        for e in (p.effect for p in parts)
+        if isinstance(e, others)
     }
     pairs = zip(model.terms, model.values, strict=True)
-    inputs = {t: v for t, v in pairs if t.key in instead}
-    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if t not in inputs}
-    for term, value in inputs.items():
-        other = instead[term.key]
-        if other is not None:
-            kept[other] = value
+    changed = ((instead.get(term.key, term), value) for term, value in pairs)
+    kept = {term: value for term, value in changed if term is not None}
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))

@@ -106,9 +106,9 @@ def record_errors(
     if gap.unseen:
         predictions += gap.predictions
         names += [p.title for p in gap.predictions]
-    before = np.array([p.error(p.before) for p in predictions])
-    after = np.array([p.error(p.after) for p in predictions])
-    return names, before, after, np.array([p.part(p.after) for p in predictions])
+    told = [(p.error(p.before), p.error(p.after), p.of_response(p.after)) for p in predictions]
+    before, after, part = np.transpose(told)
+    return names, before, after, part
 
 
 def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
@@ -181,7 +181,7 @@ def _by_coordinates(alone: Fitted, together: Fitted, words: str) -> Picture:
     t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
     more = int(np.argmax(one / two))
     factor = one[more] / two[more]
-    caption = f"{words}; they differ most at {t[more]:.3g} s, by a factor of {factor:.3g}."
+    caption = f"{words} They differ most at {t[more]:.3g} s, by a factor of {factor:.3g}."
     names = ("one coordinate", "two coordinates")
     draw = partial(show.draw_cycles, t, one, two, [], names=names)
     return Picture("coordinates", "One coordinate and two", caption, draw)

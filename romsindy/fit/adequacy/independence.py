@@ -131,13 +131,10 @@ def where_moved(
     It is looked for about the motions that forces move which nobody measured, those of the second
     if there is one: about a simulation that they led far off, what they do would go with it.
     """
-    pairs, noises = [*enumerate(records)], {}
-    for i, record in pairs:
-        fitted = model, solution.parts, i, record, solution.motions[i]
-        table = by_values(*fitted, solution.residuals[i])[1]
-        noises[i] = found_noises(table.noises, table.left)
+    tables = by_value_of(model, solution, records)
+    noises = {i: found_noises(table.noises, table.left) for i, table in enumerate(tables)}
     moved = settled(model, solution, records, noises)
-    return examine_independence(model, moved or solution, pairs), moved
+    return examine_independence(model, moved or solution, [*enumerate(records)]), moved
 
 
 def of_decays(
@@ -383,6 +380,14 @@ def by_values(
     two = TwoNoises.along(equation_of(model, parts, i, record), parts, i, record, motion)
     columns = rows[:, : len(columns_of(parts, i))]
     return response, two.table(np.column_stack([columns, last]))
+
+
+def by_value_of(
+    model: Equations, solution: Solution, records: Sequence[Prepared]
+) -> list[NoiseTable]:
+    """The samples of a fit to all records, with what it leaves."""
+    several = enumerate(zip(records, solution.motions, solution.residuals, strict=True))
+    return [by_values(model, solution.parts, i, *each)[1] for i, each in several]
 
 
 def settled(
