@@ -240,10 +240,7 @@ def predict(
 
 
 def follow(
-    before: Prediction,
-    model: ReducedModel,
-    parts: Sequence[Part],
-    near: Mapping[str, Trajectory],
+    before: Prediction, model: ReducedModel, parts: Sequence[Part], near: Mapping[str, Trajectory]
 ) -> Prediction:
     """The same with what the simulation says with some parts."""
     if not parts:

@@ -22,13 +22,7 @@ from romsindy.diagnosis.interaction import (
     takes_part,
     values_that_moved,
 )
-from romsindy.diagnosis.report import (
-    TABLE_HEAD,
-    BesideDecays,
-    DiagnosisReport,
-    Written,
-    page_of,
-)
+from romsindy.diagnosis.report import TABLE_HEAD, BesideDecays, DiagnosisReport, Written, page_of
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.effects import CATALOGUE, look_alikes

@@ -191,10 +191,7 @@ class BeamRounds:
         return diagnose_model(self.model, training, test, self.unsure, {}, *known)
 
     def placed(
-        self,
-        found: Outcome,
-        effects_at: Callable[[float], Sequence[Effect]],
-        slack: Latitude,
+        self, found: Outcome, effects_at: Callable[[float], Sequence[Effect]], slack: Latitude
     ) -> tuple[Outcome, PlaceOnBeam | None]:
         """Where the effect that was found acts, and what is found with it there.
 

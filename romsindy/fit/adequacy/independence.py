@@ -391,10 +391,7 @@ def by_value_of(
 
 
 def settled(
-    model: Equations,
-    solution: Solution,
-    records: Sequence[Prepared],
-    noises: Mapping[int, Noises],
+    model: Equations, solution: Solution, records: Sequence[Prepared], noises: Mapping[int, Noises]
 ) -> Solution | None:
     """The same by generalised least squares; ``noises`` are those of records, by their number.
 

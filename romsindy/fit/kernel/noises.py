@@ -342,10 +342,7 @@ class _NoiseSearch:
     def weighed(self, noises: Noises) -> tuple[float, float]:
         """Chi-square of what is left, and the log-determinant."""
         found = [table.weighed(noises) for table in self.tables]
-        return (
-            sum(float(w.products[0, 0]) for w in found),
-            sum(w.log_determinant for w in found),
-        )
+        return (sum(float(w.products[0, 0]) for w in found), sum(w.log_determinant for w in found))
 
     def cost(self, x: Array) -> float:
         """-2 log likelihood, whatever the size of all noises together."""
