@@ -53,12 +53,14 @@ class ByNoises:
     def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
         """Linearise a fit about its motion.
 
-        About that which forces move where values go further than it can tell: the squares that a
-        fit left least are another's where the forces shift a jump of the response.
+        Of driven records about that which forces move, where values go further than it can tell:
+        the squares that a fit left least are another's where forces shift a jump of the response.
         """
         found = cls._about(model, solution, records)
-        usual = tuple(usual_noises(t.noises, t.left) for t in found.tables) if found.finite else ()
-        if usual and found._within(found._step(usual)[1]) < 1:
+        if not (found.finite and all(r.driven for r in records)):
+            return found
+        usual = tuple(usual_noises(t.noises, t.left) for t in found.tables)
+        if found._within(found._step(usual)[1]) < 1:
             moved = settled(model, solution, records, dict(enumerate(found.needed)))
             return found if moved is None else cls._about(model, moved, records)
         return found
