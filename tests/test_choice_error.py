@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from romsindy.fit.choice.choice_error import alternatives, mixed
-from romsindy.fit.choice.selection import Gram, Trials
+from romsindy.fit.choice import Gram, Trials, alternatives, mixed
 
 N = 600
 

@@ -164,14 +164,14 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
 def test_an_interrupt_between_files_keeps_them(run, tmp_path, monkeypatch):
     for i in (1, 2):
         write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
-    read = measurement.read
+    read = measurement.load_recording
 
-    def interrupted(file, options):
+    def interrupted(file, **options):
         if file.stem == "run2":
             raise KeyboardInterrupt
-        return read(file, options)
+        return read(file, **options)
 
-    monkeypatch.setattr(measurement, "read", interrupted)
+    monkeypatch.setattr(measurement, "load_recording", interrupted)
     result = run("regress", "run1.csv", "run2.csv")
     assert result.exit_code == 130 and "Identified: 1 files" in result.output
     assert (tmp_path / "regress_overview.html").is_file()

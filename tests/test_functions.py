@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
-from romsindy.fit.functions.posterior import _inside, _positive, draw
+from romsindy.fit.functions.evidence import _inside, _positive, draw
 from romsindy.fit.functions.prior import lifted, nearest
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of

@@ -27,7 +27,7 @@ CUBIC = 40 * OMEGA**2  # 1/(m^2 s^2)
 MODEL = rs.ReducedModel.from_coefficients(
     {"omega^2": OMEGA**2, "gamma_3": CUBIC, "c_linear": 2 * ZETA * OMEGA}, unit="m"
 )
-READING = dict.fromkeys(("unit", "quantity", "time", "rate", "start", "end")) | {"column": ()}
+READING = dict.fromkeys(("unit", "quantity", "column", "time", "rate", "start", "end"))
 
 
 def swing(amplitude, duration=8.0, other=0.0):
@@ -151,9 +151,9 @@ def test_columns_are_chosen_as_for_identify(tmp_path):
     np.savetxt(file, table, delimiter=",", header="t,a [m],b [m]", comments="")
     with pytest.raises(ValueError, match="2 columns could be the measured one"):
         read(file)
-    chosen = READING | {"column": ("a",)}
+    chosen = READING | {"column": ["a"]}
     assert len(decays_in(file, chosen, Selection(), print)) == 1
-    several = READING | {"column": ("a", "b")}
+    several = READING | {"column": ["a", "b"]}
     assert len(decays_in(file, several, Selection(mode=1), lambda _: None)) == 1
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from romsindy.effects.choices import PLACES, sought
-from romsindy.fit.choice.selection import Gram, Trials, dragged
+from romsindy.fit.choice import Gram, Trials, dragged
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.results.estimate import Estimate

@@ -296,8 +296,8 @@ def _equation(simulation: Equations | Estimate) -> Equations:
 
 def _series(path: Path, unit: str | None) -> Decay:
     """The largest of the simulated decays in a file."""
-    reading = dict.fromkeys(("quantity", "time", "rate", "start", "end")) | {"unit": unit}
-    decays = decays_in(path, reading | {"column": ()}, Selection(), _note)
+    others = ("quantity", "column", "time", "rate", "start", "end")
+    decays = decays_in(path, {"unit": unit, **dict.fromkeys(others)}, Selection(), _note)
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 

@@ -12,7 +12,6 @@ from romsindy.commands.options import (
     command_line,
     full_option,
     interactive_option,
-    read,
     reading_options,
 )
 from romsindy.commands.outputs import (
@@ -27,6 +26,7 @@ from romsindy.commands.outputs import (
 )
 from romsindy.inspection import tables
 from romsindy.inspection.inspection import inspect as look
+from romsindy.record.files import load_recording
 from romsindy.text import bar
 
 
@@ -59,7 +59,7 @@ def inspect(
     if report is None and not alone:
         report = default_page(f"{file.stem}_inspection.html")
     with bar(None, "inspecting") as progress:
-        found = look(read(file, reading), progress=progress.set_postfix_str)
+        found = look(load_recording(file, **reading), progress=progress.set_postfix_str)
     command = command_line(file, reading)
     # Files come first: who reads a pipe may stop.
     if report is not None:

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import click
 
-from romsindy.commands.options import grouped, read
+from romsindy.commands.options import grouped
 from romsindy.commands.results import Result
 from romsindy.inspection.inspection import Inspection, inspect
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked
 from romsindy.physics.example import example_decay
 from romsindy.record.decay import Decay
-from romsindy.record.files import load_decay
+from romsindy.record.files import load_decay, load_recording
 from romsindy.record.files.load import named
 from romsindy.record.recording import Recording
 from romsindy.show.identified import Identified
@@ -49,7 +49,7 @@ def decays_in(
     Raises a ValueError if the file cannot be understood, or does not hold what was chosen.
     """
     if choice.whole:
-        return [load_decay(file, **{**reading, "column": list(reading["column"]) or None})]
+        return [load_decay(file, **reading)]
     recording = _clear(file, reading, choice.isolates or choice.coordinates > 1)
     with named(f"{file}"):
         with bar(None, "inspecting") as steps:
@@ -112,7 +112,7 @@ def inspected(file: Path | None, reading: Mapping[str, Any], seed: int) -> tuple
 
 def _clear(file: Path, reading: Mapping[str, Any], several: bool = True) -> Recording:
     """What is in a file, where it is clear which column is meant, or which ``several``."""
-    recording = read(file, reading)
+    recording = load_recording(file, **reading)
     names = list(recording.names)
     if len(names) > 1 and not (reading["column"] and several):
         raise ValueError(

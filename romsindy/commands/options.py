@@ -18,10 +18,10 @@ from romsindy.physics.damping import DAMPING
 from romsindy.physics.equations import Equations
 from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import table
-from romsindy.record.files import load_forced, load_recording
+from romsindy.record.files import load_forced
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
-from romsindy.record.recording import QUANTITIES, Recording
+from romsindy.record.recording import QUANTITIES
 
 FILE = click.Path(path_type=Path)
 # Options of the reading of a file and of measured inputs, for the headings of --help.
@@ -48,7 +48,7 @@ def grouped(*options: Callable) -> Callable[[Callable], Callable]:
     return add
 
 
-# The options with which `read` reads a file.
+# The options with which a file is read, named as the arguments of `load_recording`.
 reading_options = grouped(
     click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...'),
     click.option(
@@ -57,7 +57,10 @@ reading_options = grouped(
         help="What was measured.  [default: what unit or header say]",
     ),
     click.option(
-        "--column", multiple=True, help="Name of a measured column; several are used together."
+        "--column",
+        multiple=True,
+        callback=lambda _, __, names: list(names) or None,
+        help="Name of a measured column; several are used together.",
     ),
     click.option("--time", help="Name of the time column."),
     click.option("--rate", type=float, help="Samples per second, for files without times."),
@@ -138,19 +141,13 @@ def damping_option(usual: Sequence[str], words: str) -> Callable:
     )
 
 
-def read(file: Path, reading: Mapping[str, Any]) -> Recording:
-    """What sensors gave, from a file."""
-    columns = list(reading["column"]) or None
-    return load_recording(file, **{**reading, "column": columns})
-
-
 def command_line(file: Path, reading: Mapping[str, Any]) -> str:
     """The command that identifies a file read in this way, ready to be pasted.
 
     Several columns are left out: which of them are used is what the steps that come next differ in.
     """
     words = ["romsindy", "identify", f"./{file}" if str(file).startswith("-") else str(file)]
-    columns = reading["column"]
+    columns = reading["column"] or []
     alone = {"column": columns[0] if len(columns) == 1 else None}
     for name, value in {**reading, **alone}.items():
         if value is not None:
@@ -289,5 +286,5 @@ class Inputs:
             input_column=self.input_column or None,
             input_unit=self.unit_input or None,
             interpolation=self.interpolation,
-            **{**reading, "column": list(reading["column"]) or None},
+            **reading,
         )

@@ -2,7 +2,7 @@
 
 What was measured says which way is taken. Free decays of one coordinate become functions of q with
 bands (`romsindy.fit.functions`), those of several coordinates and records with inputs become an
-equation whose terms gain on data that take no part (`romsindy.fit.choice.selection`). With
+equation whose terms gain on data that take no part (`romsindy.fit.choice`). With
 ``terms`` given nothing is chosen, and their values are fitted (`romsindy.fit.refine`).
 """
 

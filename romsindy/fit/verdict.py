@@ -46,13 +46,13 @@ CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 
-# -- which terms are needed? (`romsindy.fit.choice.selection`) -------------------------------------
+# -- which terms are needed? (`romsindy.fit.choice`) -------------------------------------
 
 # A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that
 # took no part: less is the form of other laws.
 TERM = 0.02
 # Another choice of terms counts in the errors where its odds against the chosen one are above this:
-# 1 to 20 (`romsindy.fit.choice.choice_error`).
+# 1 to 20 (`romsindy.fit.choice`).
 HARDLY_TOLD = 0.05
 # A further coordinate must bring down the rms of what is left by this part.
 MODE = 0.1

@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from romsindy.record.recording import (
     QUANTITIES,
@@ -19,8 +18,8 @@ from romsindy.record.recording import (
     Recording,
     checked_signal,
     checked_time,
+    held_on_uniform_times,
     part_between,
-    uniform_times,
 )
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.signals import (
@@ -92,22 +91,15 @@ class Decay(Measurement):
         t = checked_time(self.t)
         signals = {
             name: checked_signal(name, getattr(self, name), len(t))
-            for name in ("q", "q_dot", "q_ddot")
+            for name in _NAMES
             if getattr(self, name) is not None
         }
         if any(x.shape != signals["q"].shape for x in signals.values()):
             shapes = {name: x.shape for name, x in signals.items()}
             raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
-        uniform, note = uniform_times(t)
-        notes = tuple(self.notes)
-        if note:
-            signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
-            warnings.warn(note, stacklevel=3)
-            notes = (*notes, note)
-        for name, value in {"t": uniform, **signals}.items():
-            value.flags.writeable = False
+        held, notes = held_on_uniform_times(t, signals)
+        for name, value in {**held, "notes": (*self.notes, *notes)}.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "notes", notes)
         if self.signal is None:
             name = _NAMES[self.derivative]
             raise ValueError(f"measured = {self.measured!r} needs {name}, which is None: give it")
@@ -216,10 +208,6 @@ class Decay(Measurement):
                 f"the decay has {self.n_channels} channels: choose one with decay.channel(i)"
             )
         return self.channel(0)
-
-    def same_record(self, other: Any) -> bool:
-        """Whether both hold the same samples of q."""
-        return isinstance(other, type(self)) and np.array_equal(self.q, other.q)
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
@@ -330,13 +318,11 @@ class Decay(Measurement):
         change: Callable[[Array], Array],
         t: Array | None = None,
         notes: tuple[str, ...] = (),
-        stage: Stage | None = None,
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
         signals = {n: getattr(self, n) for n in _NAMES}
         changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
-        t, stage = self.t if t is None else t, stage or self.stage
-        return replace(self, t=t, notes=(*self.notes, *notes), stage=stage, **changed)
+        return replace(self, t=self.t if t is None else t, notes=(*self.notes, *notes), **changed)
 
 
 def _release(

@@ -5,11 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 from scipy.signal import ShortTimeFFT, find_peaks, periodogram
 
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
@@ -20,8 +18,8 @@ from romsindy.record.recording import (
     RecordedInput,
     checked_signal,
     checked_time,
+    held_on_uniform_times,
     part_between,
-    uniform_times,
 )
 from romsindy.record.signals import runs, vertex
 from romsindy.typing import Array
@@ -122,23 +120,16 @@ class ForcedVibration(Measurement):
             )
         if not np.ptp(y) > 0:
             raise ValueError(f"y is constant ({y[0]:.6g}): nothing vibrates in this record")
-        notes = tuple(self.notes)
-        uniform, note = uniform_times(t)
-        if note:
-            y, u = (make_interp_spline(t, x, k=3)(uniform) for x in (y, u))
-            warnings.warn(note, stacklevel=3)
-            notes = (*notes, note)
-        for name, x in zip(names, u.T, strict=True):
+        held, notes = held_on_uniform_times(t, {"y": y, "u": u})
+        for name, x in zip(names, held["u"].T, strict=True):
             _refuse_silent(name, x)
             clipped = _clipped_note(name, x)
             if clipped:
                 warnings.warn(clipped, stacklevel=3)
                 notes = (*notes, clipped)
-        for name, value in {"t": uniform, "y": y, "u": u}.items():
-            value.flags.writeable = False
+        own = {"inputs": names, "notes": (*self.notes, *notes)}
+        for name, value in {**held, **own}.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "inputs", names)
-        object.__setattr__(self, "notes", notes)
 
     @property
     def response(self) -> Array:
@@ -171,10 +162,6 @@ class ForcedVibration(Measurement):
         """Of the inputs, in the order of the columns of u."""
         unit = self.input_unit
         return (unit,) * len(self.names) if isinstance(unit, str | None) else tuple(unit)
-
-    def same_record(self, other: Any) -> bool:
-        """Whether both hold the same samples of y."""
-        return isinstance(other, type(self)) and np.array_equal(self.y, other.y)
 
     def between(self, start: float | None = None, end: float | None = None) -> ForcedVibration:
         """The part with start <= t <= end, in s; None leaves an end as it is.

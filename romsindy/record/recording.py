@@ -6,6 +6,7 @@ Numbers, dates, masks; uniform and increasing times.
 from __future__ import annotations
 
 import itertools
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
 from romsindy.text import counted
 from romsindy.typing import Array
@@ -86,6 +88,23 @@ def uniform_times(t: Array) -> tuple[Array, str]:
         f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
         f" at most {jitter.max():.2g}; resampled uniformly"
     )
+
+
+def held_on_uniform_times(
+    t: Array, signals: dict[str, Array]
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Times and signals of a record, not to be written to; and what was done to them, if anything.
+
+    Jitter is resampled, with a warning.
+    """
+    uniform, note = uniform_times(t)
+    if note:
+        signals = {name: make_interp_spline(t, x, k=3)(uniform) for name, x in signals.items()}
+        warnings.warn(note, stacklevel=4)  # where the record is made
+    held = {"t": uniform, **signals}
+    for x in held.values():
+        x.flags.writeable = False
+    return held, (note,) if note else ()
 
 
 def part_between(t: Array, start: float | None, end: float | None) -> slice:
@@ -211,9 +230,9 @@ class Measurement(ABC):
     def names(self) -> tuple[str, ...]:
         """Of the inputs that were measured; none drives a decay."""
 
-    @abstractmethod
     def same_record(self, other: Any) -> bool:
-        """Whether both hold the same samples."""
+        """Whether both hold the same samples of what was measured."""
+        return isinstance(other, type(self)) and np.array_equal(self.response, other.response)
 
     @property
     def driven(self) -> bool:

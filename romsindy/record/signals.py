@@ -1,8 +1,4 @@
-"""Samples that show a faulty sensor (dropouts, clipping, spikes, steps), and what belongs there.
-
-Arrays are one channel (n,) with a uniform rate; ``cycle`` is the length of a cycle of the
-vibration, in samples. Nothing here knows what was measured.
-"""
+"""What is read off uniformly sampled signals: frequency, noise, crossings, rest, steady waves."""
 
 from __future__ import annotations
 

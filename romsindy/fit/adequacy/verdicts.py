@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from scipy.special import stdtrit
@@ -23,7 +23,6 @@ from romsindy.typing import Array
 
 HARMONICS = 5
 DEGREE = 1  # of the drift of amplitudes in a window
-_NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
 # Cycles in a stretch of the record; levels of the response that are told apart, at most and at
 # least, with two stretches each; how much louder the loudest must be than the quietest.
 CYCLES, MOST_LEVELS, LEAST_LEVELS, _LOUDER = 8, 8, 4, 2.0
@@ -80,9 +79,8 @@ class Adequacy:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        own = ("ratio", "p_value", "structure", "limit", "false_alarm")
-        for name in (*own, "part", "departure", "frequency", "damping"):
-            object.__setattr__(self, name, float(getattr(self, name)))
+        for name in (each.name for each in fields(self) if each.type == "float"):
+            object.__setattr__(self, name, float(getattr(self, name)))  # a file may say "NaN"
         amplitude, misfit = np.array(self.amplitude, float), np.array(self.misfit, float)
         shape = (amplitude.size, HARMONICS + 1)
         # Without any window the list of a JSON text does not say how many harmonics there are.
@@ -226,8 +224,6 @@ class ForcedAdequacy(Adequacy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in _NUMBERS:  # a file may say "NaN"
-            object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "levels", np.array(self.levels, float).reshape(-1, 2))
 
     @property
@@ -377,11 +373,6 @@ class SteadyAdequacy(Adequacy):
     unknown: float = 0.0
     missing: float = 0.0
     like: str = ""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("unknown", "missing"):  # a file may say "NaN"
-            object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
     def structured(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from romsindy.effects.choices import KINDS, candidates
 from romsindy.fit.adequacy.independence import by_values
-from romsindy.fit.choice.selection import Gram, Linearised, Trials, dragged
+from romsindy.fit.choice import Gram, Linearised, Trials, dragged
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.noises import Noises

@@ -2,7 +2,7 @@
 
 The vibrations that ring say how many coordinates there are, how fast and how damped small motions
 are. Candidates are chosen by what they gain on data that took no part
-(`romsindy.fit.choice.selection`), about the measured motion first and then about that of the model,
+(`romsindy.fit.choice`), about the measured motion first and then about that of the model,
 until the choice stays. No ratio of frequencies is asked for.
 
 Vibrations that are close in frequency beat where they are large and exchange energy, and what is

@@ -17,7 +17,7 @@ from romsindy.effects.choices import Kind, candidates
 from romsindy.fit.adequacy.decays import examine
 from romsindy.fit.adequacy.independence import Independence, by_noises, of_decays, told
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.choice.selection import needed
+from romsindy.fit.choice import needed
 from romsindy.fit.coupled.choice import Choice, Stage, choose
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.part import Solution, extended

@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.effects.choices import KINDS, sought
 from romsindy.effects.choices import candidates as coupled_candidates
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
-from romsindy.fit.choice.selection import Gram, Linearised, Trials, dragged
+from romsindy.fit.choice import Gram, Linearised, Trials, dragged
 from romsindy.fit.forced.drives import inputs_in
 from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError

@@ -13,9 +13,8 @@ from romsindy.fit.adequacy.decays import examine
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
-from romsindy.fit.functions.evidence import Fitted, fit, regressed
+from romsindy.fit.functions.evidence import Fitted, draw, fit, regressed
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.series import (
     RICHEST,
     Magnitudes,

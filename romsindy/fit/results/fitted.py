@@ -28,8 +28,7 @@ from romsindy.fit.adequacy.independence import (
     told,
 )
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
-from romsindy.fit.choice.choice_error import counting_choice
-from romsindy.fit.choice.selection import Linearised
+from romsindy.fit.choice import Linearised, counting_choice
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import coloured_covariance, fit
 from romsindy.fit.kernel.hypothesis import free_parts, laws_in, with_memories

@@ -8,6 +8,7 @@ weighted by what the noise of the response makes of it: errors in variables, [1]
 
 The common choice, measured less computed response at a given frequency, has no slope at a fold and
 must know the branch. A force left over has neither trouble: unstable points count as others do.
+Terms that are not given are chosen by what each gains on levels of force left out.
 
 What the noise does not explain is taken for a force that the model leaves out: a part of the
 excitation, alike at all points, found from the fit. As such misfits go together in neighbouring
@@ -26,23 +27,29 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from romsindy.fit.choice.choice_error import counting_choice
+from romsindy.effects.choices import sought
+from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
-from romsindy.fit.steady.balance import CHAIN, Chain
-from romsindy.fit.steady.choice import choose, every_choice
+from romsindy.fit.steady.balance import CHAIN, Chain, linearised
 from romsindy.fit.steady.independence import verdict_of, with_spread
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.told import between_levels, notes_on
+from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
+_ALWAYS, _LINEAR = Stiffness(1), PowerDamping(1)
+_LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
+_ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
+_BLOCKS = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,7 +196,7 @@ def fit_steady(
     model : ReducedModel or None
         Terms to fit; the values of free ones do not matter. None chooses them: of omega^2 and
         powers 2, 3, 5 of q and 1, 2, 3 of q_dot those that gain on levels of force that are left
-        out (`romsindy.fit.steady.choice`); then errors and notes count the choice.
+        out (`romsindy.fit.steady.fit`); then errors and notes count the choice.
     frequency : (n,) array
         Angular frequency, rad/s, as in `forced_response`. In any order, but neighbours in one
         sweep should stand together: their misfits are compared.
@@ -245,7 +252,7 @@ def fit_steady(
     if model is None:
         if fixed:
             raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
-        model, slope = choose(points, unit, gain, slope, phase)
+        model, slope = _choose(points, unit, gain, slope, phase)
     free = _free(model, fixed)
     if gain is None:
         _require_lags(points)
@@ -261,7 +268,7 @@ def fit_steady(
     n, verdict = len(free), verdict_of(points, solution, std is not None)
     notes = notes_on(points, solution, together, std is not None)
     if chosen:
-        every = every_choice(points, solution, some_slope, joint)
+        every = _every_choice(points, solution, some_slope, joint)
         joint, doubts = counting_choice(solution.free, joint, every)
         notes += doubts
     return SteadyFit(
@@ -367,3 +374,73 @@ def _covariance(points: SteadyPoints, solution: SteadySolution, together: float)
     a = solution.rows.whitened(solution.floor)[0].reshape(*shape, -1)
     scores = np.einsum("nkp,nm,mkq->pq", a, alike, a, optimize=True)
     return plain @ scores @ plain
+
+
+# -- the choice of terms ---------------------------------------------------------------------------
+
+
+def _choose(
+    points: SteadyPoints,
+    unit: str | None,
+    gain: float | None,
+    slope: float | None,
+    phase: float | None,
+) -> tuple[ReducedModel, float | None]:
+    """Terms to fit, and the slope of the chain: None where it is to be fitted.
+
+    Every level of force is left out in turn; where there are fewer than three, every fifth of the
+    points by amplitude.
+    """
+    chosen = {_LINEAR.key}
+    for _ in range(_ROUNDS):
+        terms = [_ALWAYS, *(law for law in _LAWS if law.key in chosen)]
+        start = (float(np.median(points.frequency) ** 2), *np.zeros(len(terms) - 1))
+        model = ReducedModel(tuple(terms), start, unit)
+        now = 0.0 if slope is None and "slope" not in chosen else slope
+        found = solve(points, model, tuple(model.coefficients), gain, now, phase)
+        every = _every_choice(points, found, slope is None)
+        best = {every.name(g) for g in every.trials.chosen(every.present)}
+        if best == chosen:
+            break
+        chosen = best
+    return model, now
+
+
+def _every_choice(
+    points: SteadyPoints, found: SteadySolution, with_slope: bool, covariance: Array | None = None
+) -> Linearised:
+    """All candidates, with the slope of the chain or without, about the orbits of a solution.
+
+    Parts of the points are left out in turn. With the ``covariance`` of what was fitted all are one
+    part, and misfits count as much as makes the errors by them those of that, in the mean [1].
+
+    [1] F. Pauli, W. Racugno, L. Ventura, Statistica Sinica 21 (2011) 149: the magnitude adjustment.
+    """
+    laws = (_ALWAYS, *_LAWS)
+    values = dict.fromkeys((law.key for law in laws), 0.0) | found.model.coefficients
+    rich = ReducedModel(laws, tuple(values.values()))
+    chain = [n for n in CHAIN if n in found.free or (n == "slope" and with_slope)]
+    names, known = (*values, *chain), values | vars(found.chain)
+    rows = linearised(points, rich, tuple(values), found.chain, found.c)
+    a, b = rows.whitened(found.floor)
+    table = np.column_stack([a[:, [(*values, *CHAIN).index(n) for n in names]], -b])
+    part, counted = _parts(points), 1.0
+    if covariance is not None:
+        part = np.zeros_like(part)
+        counted = len(covariance) / np.trace(np.linalg.solve(found.covariance, covariance))
+    part = np.repeat(part, rows.misfit.shape[1])
+    at = np.array([known[n] for n in names])
+    grams = [Gram.of(np.sqrt(counted) * table[part == i], at) for i in np.unique(part)]
+    groups = [i for i, n in enumerate(names) if n not in (_ALWAYS.key, "gain", "phase")]
+    always = [i for i in range(len(names)) if i not in groups]
+    trials = Trials.of(grams, always, [[i] for i in groups], dict(enumerate(_LAWS)), {})
+    present = [g for g, i in enumerate(groups) if names[i] in found.free]
+    return Linearised(trials, (), laws, present, tuple(chain))
+
+
+def _parts(points: SteadyPoints) -> Indices:
+    """With which part of the data each point is left out, (n,)."""
+    number: Indices = points.level
+    if number.max() < 2:
+        number = np.argsort(np.argsort(points.amplitude)) * _BLOCKS // len(points)
+    return number
