@@ -33,7 +33,7 @@ from romsindy.text import TextTable
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
-_SIDES = ("before", "after")
+_SIDES = ("before", "after", "part")
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class SensorError:
     label: str
     before: float
     after: float
+    part: float  # the rms afterwards, as a part of that of the response
 
 
 @dataclass(frozen=True, repr=False)
@@ -165,12 +166,11 @@ class BeamReport(Written):
     def _left(self) -> str:
         """What is left over all sensors, the worst of them by name."""
         gap, kind = self.gap, self.reduced.left
-        rest = words.remainder(gap, kind)
         known = [e for e in self.sensor_errors if np.isfinite(e.after)]
         if not known:
-            return rest
+            return words.remainder(gap, kind)
         worst = max(known, key=lambda e: e.after)
-        return words.over_sensors(rest, gap, kind, worst.label, worst.after)
+        return words.over_sensors(gap, kind, worst.label, worst.part, worst.after)
 
     def table(self) -> list[list[str]]:
         return self.reduced.table()
@@ -193,8 +193,8 @@ class BeamReport(Written):
         """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
         from romsindy.diagnosis.pictures import by
 
-        before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
-        sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
+        errors = [np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES]
+        sensors = by("sensor", [e.label for e in self.sensor_errors], *errors)
         return {**self.reduced.pictures(), sensors.name: sensors}
 
     def page(self) -> dict[str, Any]:

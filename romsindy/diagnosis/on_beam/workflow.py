@@ -191,10 +191,7 @@ class BeamRounds:
         return diagnose_model(self.model, training, test, self.unsure, {}, *known)
 
     def placed(
-        self,
-        found: Outcome,
-        effects_at: Callable[[float], Sequence[Effect]],
-        slack: Latitude,
+        self, found: Outcome, effects_at: Callable[[float], Sequence[Effect]], slack: Latitude
     ) -> tuple[Outcome, PlaceOnBeam | None]:
         """Where the effect that was found acts, and what is found with it there.
 
@@ -428,8 +425,9 @@ def _sensor_errors(
     readings = decay.between(end=both[0].decay.t[-1]).signal
     noise = np.array([noise_std(y) for y in readings.T])
     left = [readings - c.readings[-len(readings) :] for c in both]
-    errors = [np.sqrt(np.mean(x**2, axis=0)) / noise for x in left]
-    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
+    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
+    told = before / noise, after / noise, after / np.std(readings, axis=0)
+    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *told, strict=True))
 
 
 def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:
