@@ -81,6 +81,11 @@ def percent(part: float) -> str:
     return f"{two_digits(size)} %"
 
 
+def left_over(part: float, times: float) -> str:
+    """What is left: as a part of the response, and what that is over the noise."""
+    return f"{percent(part)} of the response, {times:.3g} times the noise"
+
+
 def two_digits(value: float) -> str:
     """A number to two digits, without an exponent where it is not very small or large."""
     return f"{float(f'{value:.2g}'):.10g}" if math.isfinite(value) else "no end of"

@@ -305,7 +305,7 @@ def test_before_by_record_is_the_simulation_as_it_was():
     """As in the table of the gap; a fit of the frequency alone would leave nothing of it."""
     result = report_of("linear_frequency")
     parts = result.best.solution.parts
-    names, before, after = record_errors(MODEL, parts, result.records, result.gap)
+    names, before, after, _ = record_errors(MODEL, parts, result.records, result.gap)
     # The held-out decay reaches less far than the others: stretches of these judge, too.
     learns = ["record 1, fitted", "record 2, fitted"]
     assert names == [*learns, "record 1, held out", "record 2, held out", "the held-out record"]

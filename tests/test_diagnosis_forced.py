@@ -10,8 +10,13 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
 from romsindy.diagnosis.arguments import checked_driven
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.noise_of_best import ByNoises, NoiseOfBest
+from romsindy.diagnosis.residual_workflow import search_beside_inputs
+from romsindy.diagnosis.search import Options
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
+from romsindy.effects.base import Scales
+from romsindy.fit.forced.drives import drives_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.shooting import resimulated
@@ -126,22 +131,56 @@ def test_friction_that_holds_under_an_input_settles(seed):
     assert found.parts[0].strengths[0, 0] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_a_step_by_noises_moves_a_simulation_by_no_more_than_is_left():
-    """A cube that is far off would go twice as far; of a fit that has settled none is shorter."""
+def test_values_by_noises_lead_back_from_far_off():
+    """A cube that is far off, without the drag: to where a fit goes, and that stays."""
     records = checked_driven([record(2, drag)], 0.0)
     values = (CubicStiffness(), 5e4), (AirDrag(), 0.0)
     parts = tuple(Part(e, (), np.array([[x]])) for e, x in values)
     settled = fit(model(), parts, records)
     far = resimulated(model(), replace(settled, parts=parts), records)
+    near, there = (ByNoises.of(model(), s, records).solved(s, ()) for s in (settled, far))
+    errors = np.sqrt(np.diag(near.covariance))
+    best, own, back = (of_all(parts) for parts in (settled.parts, near.parts, there.parts))
+    assert np.all(np.abs(own - best) < 0.01 * errors)
+    # The noise found far off weighs motions that a large force moves: less is known, not another.
+    assert np.all(np.abs(back - best) < 2 * np.sqrt(np.diag(there.covariance)))
+    assert np.all(np.abs(back - best) < 20 * errors)
 
-    def moved(solution):
-        weighed = ByNoises.of(model(), solution, records)
-        there = weighed.solved(solution, ()).parts
-        step = [b.values - a.values for a, b in zip(solution.parts, there, strict=True)]
-        return np.linalg.norm(weighed.tables[0].fitted @ np.concatenate(step))
 
-    assert moved(far) == pytest.approx(np.linalg.norm(far.residuals[0]))
-    assert moved(settled) < 0.1 * np.linalg.norm(settled.residuals[0])
+def of_all(parts):
+    return np.concatenate([part.values for part in parts])
+
+
+def test_values_by_noises_are_right_where_a_force_has_shifted_a_jump():
+    """Of a response that jumps least squares leave least by a delay that is wrong."""
+    lines = 2 * np.pi * np.arange(2.0, 8.0, 0.04)
+    # As those of white noise up to 50 Hz, of 5 % of the force
+    size = 0.05 * GAIN * sweep(T).std() * np.sqrt(0.04 / 50)
+    a, b = size * np.random.default_rng(2).standard_normal((2, len(lines)))
+
+    def law(q, v, t):  # a state of rate 1 is the time
+        return -(a @ np.cos(lines * t) + b @ np.sin(lines * t)), 1.0
+
+    records = checked_driven([remembering(2, law)], 0.0)
+    inputs = rs.ReducedModel.from_coefficients({**KNOWN, "gain [force]": 0.9 * GAIN}, unit="m")
+    solution = fit(without_gain(), drives_of(inputs, records), records)
+    solved = ByNoises.of(without_gain(), solution, records).solved(solution, ())
+    off = np.stack([of_all(parts) - [GAIN, 0.0] for parts in (solution.parts, solved.parts)])
+    squares, noises = np.abs(off / np.sqrt(np.diag(solved.covariance))).max(axis=1)
+    assert noises < 3 < squares
+
+
+def test_nothing_is_screened_beside_a_motion_that_grows_beyond_numbers():
+    """Products of a response that is finite and huge are not."""
+    records = checked_driven([record(1)], 0.0)
+    scales = Scales(0.05, OMEGA, float(T[-1]))
+    unsure = (Part(Viscous(), (), np.array([[-40.0]])),)  # grows as exp(20 t): 1e213 in 25 s
+    search = search_beside_inputs(
+        model(), records, scales, unsure, Options(FEW, 1e-3, 1, 0.0, 1, str), "band-limited"
+    )
+    solution = replace(fit(model(), search.beside, records), parts=(*unsure, *search.beside))
+    start = Hypothesis(solution, 2, 1.0, None)
+    assert search._screened(start) == []
 
 
 def test_the_chain_is_late():

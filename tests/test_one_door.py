@@ -1,6 +1,7 @@
 """`diagnose` reads records as `identify` does, and compares what record and model share."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
 from romsindy.fit.verdict import SHARED
+from romsindy.text import left_over
 
 OMEGA, ZETA, RATE, NOISE = 2 * np.pi * 7, 0.005, 200, 2e-5
 CUBIC = 40 * OMEGA**2  # 1/(m^2 s^2)
@@ -280,14 +282,18 @@ def test_each_tolerance_is_said_to_be_from_where_it_is():
 @pytest.mark.parametrize(
     ("times", "sentence"),
     [
-        (1.1, "nothing but noise (0.93 times the noise); the worst sensor is y(0.2) at 1.1 times"),
-        (2.1, "2.1 times its noise at the worst sensor, y(0.2); 0.93 times the noise in the coord"),
+        (1.1, "nothing but noise ({first}); at the worst sensor, y(0.2), {worst}."),
+        (2.1, "{worst} at the worst sensor, y(0.2); {first} in the coordinate of the first mode."),
     ],
 )
 def test_what_is_left_of_a_beam_is_one_sentence(times, sentence):
-    gap = type("Gap", (), {"after": 0.93})
-    rest = "nothing but noise (0.93 times the noise)."
-    assert over_sensors(rest, gap, "noise", "y(0.2)", times).startswith(sentence)
+    told = {
+        "first": left_over(0.02, 0.93),
+        "worst": f"1 % of the response, {times} times the noise",
+    }
+    first = SimpleNamespace(after=None, left=lambda _: told["first"])
+    gap = SimpleNamespace(predictions=[first], worst=0)
+    assert over_sensors(gap, "noise", "y(0.2)", 0.01, times) == sentence.format(**told)
 
 
 def test_every_verdict_has_an_exit_code():

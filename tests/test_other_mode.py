@@ -67,7 +67,10 @@ def test_the_gap_shrinks_on_equal_footing(one_to_three):
     found, gap = one_to_three.interaction, one_to_three.gap
     assert found.before > 10 > 1.25 > found.after
     assert gap.before > 10 > 1.25 > gap.after and gap.closed > 0.99
-    assert f"one coordinate leaves {found.before:.2g} times the noise" in one_to_three.sentence
+    alone, together = found.left
+    assert f"one coordinate leaves {alone}" in one_to_three.sentence
+    assert f"two leave {together}" in one_to_three.sentence
+    assert alone.endswith(f"{found.before:.3g} times the noise")
 
 
 @pytest.mark.slow
@@ -81,7 +84,7 @@ def test_words_table_json_and_page_agree(one_to_three, tmp_path):
     assert row[:3] == ["another mode", "1:3", "V q1^3 q2"]
     assert {"gap", "amplitude", "time", "coordinates"} == {*report.pictures()}
     caption = report.pictures()["coordinates"].caption
-    assert f"one coordinate leaves {report.interaction.before:.3g} times" in caption
+    assert f"one coordinate leaves {report.interaction.left[0]}" in caption
     report.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "One coordinate and two" in page and "q2_ddot" in page

@@ -49,6 +49,7 @@ class Solved(NamedTuple):
     misfit: float  # of the best values, their priors included
     parts: tuple[Part, ...]  # with these values
     covariance: Array
+    about: tuple[Part, ...]  # values that the equations are linear about
 
 
 class Worth(NamedTuple):
@@ -65,8 +66,8 @@ class Worth(NamedTuple):
         cls, solution: Solution, solved: Solved, n_unsure: int, n_free: int, n_samples: float
     ) -> Worth:
         """Of a fit whose first parts are unsure values, and up to ``n_free`` no effects."""
-        system, misfit, parts, covariance = solved
-        rise, price, moved = _price_of_unsure(system, solution.parts, n_unsure, n_samples)
+        system, misfit, parts, covariance, about = solved
+        rise, price, moved = _price_of_unsure(system, about, n_unsure, n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[n_free:]:
             price += _price_of(part, covariance[where, where], n_samples)
         return cls(misfit + rise, price, moved, parts, covariance)
@@ -210,7 +211,8 @@ class Weighed:
         else:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / excess + known
-        return Solved(system, misfit, parts, _given(system.covariance()[:n, :n], parts))
+        covariance = _given(system.covariance()[:n, :n], parts)
+        return Solved(system, misfit, parts, covariance, solution.parts)
 
 
 def _given(covariance: Array, parts: Sequence[Part]) -> Array:

@@ -109,11 +109,7 @@ def titles(hypothesis: Hypothesis) -> str:
 
 
 def _effect(
-    hypothesis: Hypothesis,
-    index: int,
-    rivals: Sequence[Hypothesis],
-    ratio: float,
-    model: Equations,
+    hypothesis: Hypothesis, index: int, rivals: Sequence[Hypothesis], ratio: float, model: Equations
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
     # Where the residual is above the noise, the errors grow with it.

@@ -16,13 +16,14 @@ from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part, read
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, part_of
 from romsindy.fit.kernel.shooting import shoot
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
+from romsindy.text import left_over
 from romsindy.typing import Array
 
 HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
@@ -68,10 +69,15 @@ class Prediction:
         misfit = self.record.signal - simulated
         return misfit if part is None else np.where(part, misfit, np.nan)
 
-    def beyond_noise(self, simulated: Array) -> float:
-        """Rms of the misfit without the part of the noise, over the largest amplitude."""
-        power = np.nanmean(self.misfit(simulated) ** 2) - self.record.noise.std**2
-        return float(np.sqrt(np.maximum(power, 0.0)) / np.abs(self.record.signal).max())
+    def of_response(self, simulated: Array) -> float:
+        """Rms of the misfit over that of the response."""
+        misfit = self.misfit(simulated)
+        response = float(np.std(self.record.signal[~np.isnan(misfit)]))
+        return float(np.sqrt(np.nanmean(misfit**2))) / response
+
+    def left(self, simulated: Array) -> str:
+        """Both in words."""
+        return left_over(self.of_response(simulated), self.error(simulated))
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""
@@ -234,10 +240,7 @@ def predict(
 
 
 def follow(
-    before: Prediction,
-    model: ReducedModel,
-    parts: Sequence[Part],
-    near: Mapping[str, Trajectory],
+    before: Prediction, model: ReducedModel, parts: Sequence[Part], near: Mapping[str, Trajectory]
 ) -> Prediction:
     """The same with what the simulation says with some parts."""
     if not parts:
@@ -359,19 +362,17 @@ class ResidualGap:
     ) -> ResidualGap:
         """Compare residuals of records, which are called ``where``."""
         n = sum(len(r.signal) for r in records)
-        heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records) / n
         noise = sum(len(r.signal) * noise_std(r) ** 2 for r in records) / n
         old, new = (sum(float(e @ e) for e in several) / n for several in (before, after))
-        rms, shares = np.sqrt([old, new]), np.sqrt(np.array([old, new]) / heard)
         decay = records[0].decay
         return cls(
             tuple(records),
             tuple(before),
             tuple(after),
-            rms_before=float(rms[0]),
-            rms_after=float(rms[1]),
-            before=float(shares[0]),
-            after=float(shares[1]),
+            rms_before=old**0.5,
+            rms_after=new**0.5,
+            before=part_of(records, before),
+            after=part_of(records, after),
             closed=_closed(old, new, noise),
             unit=unit_of(decay.measured, decay.unit),
             where=where,

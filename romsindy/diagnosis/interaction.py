@@ -19,6 +19,7 @@ from romsindy.fit.coupled.choice import Stage
 from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, fitted, of_plainest_kind
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.pieces import cut
+from romsindy.fit.kernel.prepared import part_of
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.records.resonance import resonances_in
 from romsindy.fit.results.fitted import Fit, refined
@@ -29,7 +30,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.vibrations import Resonance, Vibration
-from romsindy.text import listed, percent, quantity, two_digits, with_error
+from romsindy.text import left_over, listed, percent, quantity, with_error
 
 _ALONE = tuple(kind._replace(coupled=False) for kind in KINDS)
 # Coupling that stores energy: what damps may stand for a damping of one coordinate that is missing.
@@ -72,6 +73,13 @@ class Interaction:
     def after(self) -> float:
         """The same with coupling."""
         return self.together.left
+
+    @cached_property
+    def left(self) -> tuple[str, str]:
+        """Both in words."""
+        both = (self.alone, self.together)
+        alone, together = (left_over(part_of(f.records, f.residuals), f.left) for f in both)
+        return alone, together
 
     @property
     def takes_part(self) -> bool:
@@ -226,9 +234,10 @@ def ratio(resonance: Resonance | None) -> str:
 
 def footing(found: Interaction) -> str:
     """What one coordinate and two leave, over pieces of one length."""
+    alone, together = found.left
     return (
-        f"Of {found.pieces} one coordinate leaves {two_digits(found.before)} times the"
-        f" noise, all its values free, and two leave {two_digits(found.after)}."
+        f"Of {found.pieces} one coordinate leaves {alone}, all its values free, and two leave"
+        f" {together}."
     )
 
 
@@ -255,14 +264,14 @@ def footing_table(found: Interaction) -> list[list[str]]:
 
 def rings_along(found: Interaction) -> str:
     """That another mode rings, but is not seen to take part."""
-    alone = f"{two_digits(found.before)} times the noise"
+    alone, together = found.left
     if found.alone.explained:
         terms = f" and {listed(found.own)} added" if found.own else ""
         rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
     else:
         rest = (
-            f"one coordinate with it beside leaves {alone} of {found.pieces}, and"
-            f" {two_digits(found.after)} with what could couple them"
+            f"of {found.pieces} one coordinate with it beside leaves {alone}, and {together} with"
+            " what could couple them"
         )
     return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
 
@@ -272,12 +281,4 @@ def not_followed(other: Vibration) -> str:
     return (
         f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
         " found that follow the records, so that its part is not known."
-    )
-
-
-def leaves(found: Interaction) -> str:
-    """What one coordinate and two leave, for a picture of it."""
-    return (
-        f"Of {found.pieces}, all values fitted: one coordinate leaves {found.before:.3g} times the"
-        f" noise, two {found.after:.3g}"
     )

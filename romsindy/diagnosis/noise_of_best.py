@@ -18,17 +18,16 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
-from romsindy.fit.adequacy.independence import by_values, examine_driven
+from romsindy.fit.adequacy.independence import by_value_of, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises
+from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises, usual_noises
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import resimulated
 from romsindy.physics.equations import Equations
-from romsindy.physics.input import Input
 from romsindy.typing import Array, Indices
 
 _FAR = 1e100  # nothing that moves
@@ -42,23 +41,34 @@ _SETTLED, _UNSETTLED = 16, 60
 class ByNoises:
     """What a fit says of its values by noises of the sensors, and forces that were not measured.
 
-    ``tables`` are derivatives of the reading of each record and its misfit, at the ``places`` of
-    the values; states at the start are those that the forces allow.
+    ``tables`` are derivatives of the reading of each record by the values of the ``parts``, and its
+    misfit, at the ``places`` of the values; states at the start are those that the forces allow.
     """
 
-    n_values: int
+    parts: tuple[Part, ...]
     places: tuple[Indices, ...]
     tables: tuple[NoiseTable, ...]
 
     @classmethod
     def of(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
-        """Linearise a fit about its motion."""
-        parts, places, tables = solution.parts, [], []
-        n_values = sum(p.size for p in parts)
-        for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            tables.append(by_values(model, parts, i, record, motion, solution.residuals[i])[1])
-            places.append(columns_of(parts, i))
-        return cls(n_values, tuple(places), tuple(tables))
+        """Linearise a fit about its motion.
+
+        Of driven records about that which forces move, where values go further than it can tell:
+        the squares that a fit left least are another's where forces shift a jump of the response.
+        """
+        found = cls._about(model, solution, records)
+        if not (found.finite and all(r.driven for r in records)):
+            return found
+        usual = tuple(usual_noises(t.noises, t.left) for t in found.tables)
+        if found._within(found._step(usual)[1]) < 1:
+            moved = settled(model, solution, records, dict(enumerate(found.needed)))
+            return found if moved is None else cls._about(model, moved, records)
+        return found
+
+    @classmethod
+    def _about(cls, model: Equations, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
+        places = tuple(columns_of(solution.parts, i) for i in range(len(records)))
+        return cls(solution.parts, places, tuple(by_value_of(model, solution, records)))
 
     @property
     def finite(self) -> bool:
@@ -76,24 +86,29 @@ class ByNoises:
 
     def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
         """The fit by these noises, its own where none are given."""
-        parts, system = solution.parts, NormalEquations(self.n_values, 0)
-        for where, table, own in zip(self.places, self.tables, noise or self.needed, strict=True):
+        system, step = self._step(noise or self.needed)
+        step = step * self._within(step)
+        moved = moved_parts(self.parts, step)
+        return Solved(system, system.chi_squared(step), moved, system.covariance(), self.parts)
+
+    def _step(self, noise: tuple[Noises, ...]) -> tuple[NormalEquations, Array]:
+        """Normal equations by these noises, and the step that they ask for."""
+        n_values = sum(p.size for p in self.parts)
+        system = NormalEquations(n_values, 0)
+        for where, table, own in zip(self.places, self.tables, noise, strict=True):
             system.add_products(where, table.weighed(own).products)
-        system.add_priors(parts)
-        step = system.bounded_step(np.zeros(self.n_values, bool), *limits(parts))
-        step = self._short(step)
-        moved = moved_parts(parts, step)
-        return Solved(system, system.chi_squared(step), moved, system.covariance())
+        system.add_priors(self.parts)
+        return system, system.bounded_step(np.zeros(n_values, bool), *limits(self.parts))
 
-    def _short(self, step: Array) -> Array:
-        """A step as far as it moves the simulation by no more than what is left of the records.
+    def _within(self, step: Array) -> float:
+        """Of a step, as far as it moves the simulation by no more than what is left of the records.
 
-        Noise alone never moves a fit further, and a linear problem does not know what lies there.
+        A linear problem does not know what lies beyond.
         """
         left = sum(float(t.left @ t.left) for t in self.tables)
         pairs = zip(self.tables, self.places, strict=True)
         moved = sum(float(np.sum((t.fitted @ step[where]) ** 2)) for t, where in pairs)
-        return step * min(1.0, np.sqrt(left / max(moved, 1e-300)))
+        return float(min(1.0, np.sqrt(left / max(moved, 1e-300))))
 
 
 @dataclass(frozen=True)
@@ -169,9 +184,8 @@ class NoiseOfBest:
                     s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
         weighed = ByNoises.of(model, s, records) if there else None
-        if weighed is not None and not weighed.finite:
-            weighed = None
-        return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
+        told = weighed if weighed is not None and weighed.finite else None
+        return replace(hypothesis, solution=replace(s, converged=ended), weighed=told)
 
 
 def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
@@ -186,16 +200,12 @@ def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
 def driven_instead(model: Equations, parts: Sequence[Part]) -> Equations:
     """The model without the inputs that parts stand instead of, and with those that are others."""
     others = (InputDelay, InputLag, InputBetweenSamples)
-    changed = [p.effect for p in parts if isinstance(p.effect, others)]
-    instead: dict[str, Input | None] = {
+    instead = {
         e.of.key: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
-        for e in changed
+        for e in (p.effect for p in parts)
+        if isinstance(e, others)
     }
     pairs = zip(model.terms, model.values, strict=True)
-    inputs = {t: v for t, v in pairs if t.key in instead}
-    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if t not in inputs}
-    for term, value in inputs.items():
-        other = instead[term.key]
-        if other is not None:
-            kept[other] = value
+    changed = ((instead.get(term.key, term), value) for term, value in pairs)
+    kept = {term: value for term, value in changed if term is not None}
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))

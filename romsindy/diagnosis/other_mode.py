@@ -16,20 +16,13 @@ from romsindy.diagnosis.interaction import (
     footing,
     footing_table,
     interaction_of,
-    leaves,
     not_followed,
     ratio,
     rings_along,
     takes_part,
     values_that_moved,
 )
-from romsindy.diagnosis.report import (
-    TABLE_HEAD,
-    BesideDecays,
-    DiagnosisReport,
-    Written,
-    page_of,
-)
+from romsindy.diagnosis.report import TABLE_HEAD, BesideDecays, DiagnosisReport, Written, page_of
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.effects import CATALOGUE, look_alikes
@@ -80,16 +73,8 @@ class InteractionReport(BesideDecays, Written):
         cls, report: DiagnosisReport, interaction: Interaction, fit: Fit, gap: Gap
     ) -> InteractionReport:
         """Of a mode that takes part in some records, beside what one coordinate said."""
-        return cls(
-            gap=gap,
-            differences=report.differences,
-            tolerance=report.tolerance,
-            records=report.records,
-            one_coordinate=report,
-            interaction=interaction,
-            fit=fit,
-            notes=report.notes,
-        )
+        same = {k: getattr(report, k) for k in ("differences", "tolerance", "records", "notes")}
+        return cls(gap=gap, one_coordinate=report, interaction=interaction, fit=fit, **same)
 
     @property
     def verdict(self) -> Verdict:
@@ -184,7 +169,7 @@ class InteractionReport(BesideDecays, Written):
 
         found = self.interaction
         alone, together = ((f.records, f.residuals) for f in (found.alone, found.together))
-        pictures = pictures_of_two(self.gap, alone, together, leaves(found))
+        pictures = pictures_of_two(self.gap, alone, together, footing(found))
         return {p.name: p for p in pictures}
 
     def page(self) -> dict[str, Any]:

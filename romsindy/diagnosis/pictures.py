@@ -26,7 +26,7 @@ from romsindy.record.smoothing import HarmonicSpline
 from romsindy.show import diagnosis_plots as show
 from romsindy.show.axes import Fact, with_unit
 from romsindy.show.page import Picture
-from romsindy.text import percent
+from romsindy.text import left_over, percent
 from romsindy.typing import Array
 
 HARMONICS = 3
@@ -95,34 +95,39 @@ class MissingForce:
 
 def record_errors(
     model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
-) -> tuple[list[str], Array, Array]:
-    """Names, and error over noise before and after, of every record and what was held out.
+) -> tuple[list[str], Array, Array, Array]:
+    """Names, and errors of every record and what was held out.
 
-    As in the table of the gap, "before" is the simulation as it was: only the initial state follows
-    the record.
+    Over the noise before and after, and after over the response. As in the table of the gap,
+    "before" is the simulation as it was: only the initial state follows the record.
     """
     predictions = [predict(model, parts, r, name_of(i)) for i, r in enumerate(records)]
     names = [p.name if p.record.part is None else f"{p.name}, fitted" for p in predictions]
     if gap.unseen:
         predictions += gap.predictions
         names += [p.title for p in gap.predictions]
-    before = np.array([p.error(p.before) for p in predictions])
-    after = np.array([p.error(p.after) for p in predictions])
-    return names, before, after
+    told = [(p.error(p.before), p.error(p.after), p.of_response(p.after)) for p in predictions]
+    before, after, part = np.transpose(told)
+    return names, before, after, part
 
 
 def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
-    """Times of the cycles of a record that are compared, and their error over noise each time."""
-    taken = np.ones(len(p.record.t), bool) if p.record.part is None else p.record.part
-    white = [p.record.whitened(p.record.signal - x) for x in (p.before, p.after)]
-    times, (before, after) = per_cycle(p.record.t, p.record.spline.phase(p.record.t), taken, white)
-    return times, before, after
+    """Times of the cycles of a record that are compared, and their errors before and after.
+
+    Those over the noise (2, n), and over the response (2, n).
+    """
+    r = p.record
+    part = np.ones(len(r.t), bool) if r.part is None else r.part
+    signals = [np.where(part, x, 0.0) for x in (r.signal - p.before, r.signal - p.after, r.signal)]
+    white = [r.whitened(r.signal - x) for x in (p.before, p.after)]
+    times, rms = per_cycle(r.t, r.spline.phase(r.t), part, [*white, *signals])
+    return times, np.array(rms[:2]), np.array(rms[2:4]) / rms[4]
 
 
 def per_cycle(
-    t: Array, phase: Array, taken: NDArray[np.bool_], white: Sequence[Array]
+    t: Array, phase: Array, taken: NDArray[np.bool_], signals: Sequence[Array]
 ) -> tuple[Array, list[Array]]:
-    """Mean times of cycles, and the rms of errors over noise, (n,), in the samples taken of each.
+    """Mean times of cycles, and the rms of signals, (n,), in the samples taken of each.
 
     A cycle that takes part in a few samples says little, and is left out.
     """
@@ -130,7 +135,7 @@ def per_cycle(
     cycle -= cycle.min()
     count = np.bincount(cycle, taken)
     some = count > 0.5 * np.median(np.bincount(cycle))
-    rms = [np.sqrt(np.bincount(cycle, e**2)[some] / count[some]) for e in white]
+    rms = [np.sqrt(np.bincount(cycle, e**2)[some] / count[some]) for e in signals]
     return np.bincount(cycle, t * taken)[some] / count[some], rms
 
 
@@ -176,18 +181,16 @@ def _by_coordinates(alone: Fitted, together: Fitted, words: str) -> Picture:
     t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
     more = int(np.argmax(one / two))
     factor = one[more] / two[more]
-    caption = f"{words}; they differ most at {t[more]:.3g} s, by a factor of {factor:.3g}."
+    caption = f"{words} They differ most at {t[more]:.3g} s, by a factor of {factor:.3g}."
     names = ("one coordinate", "two coordinates")
     draw = partial(show.draw_cycles, t, one, two, [], names=names)
     return Picture("coordinates", "One coordinate and two", caption, draw)
 
 
 def _in_time(p: Prediction, gap: Gap) -> Picture:
-    worst = f"; drawn is {p.title}, the worst afterwards" if len(gap.predictions) > 1 else ""
-    caption = (
-        f"On {gap.where} the error is {gap.before:.3g} times the noise before,"
-        f" {gap.after:.3g} times after{worst}."
-    )
+    worst = f" in {p.title}, the worst" if len(gap.predictions) > 1 else ""
+    before, after = p.left(p.before), p.left(p.after)
+    caption = f"On {gap.where} the error before is {before}; after, {after}{worst}."
     signals = (p.record.t, p.record.signal, p.misfit(p.before), p.misfit(p.after))
     draw = partial(show.draw_errors_in_time, *signals, *_reading(p.record))
     return Picture("gap", "Before and after", caption, draw)
@@ -253,12 +256,11 @@ def _by_harmonic(before: Array, after: Array) -> Picture:
 
 
 def _by_cycle(p: Prediction) -> Picture:
-    t, before, after = errors_per_cycle(p)
-    worst = int(np.argmax(after))
-    caption = (
-        f"After, no cycle is worse than {after[worst]:.3g} times the noise (at {t[worst]:.3g} s);"
-        f" before, the worst was {before.max():.3g}."
-    )
+    t, errors, parts = errors_per_cycle(p)
+    before, after = errors
+    worst = np.argmax(errors, axis=1)
+    was, now = (left_over(parts[i, k], errors[i, k]) for i, k in enumerate(worst))
+    caption = f"After, the worst cycle leaves {now} (at {t[worst[1]]:.3g} s); before, {was}."
     draw = partial(show.draw_cycles, t, before, after, _measured_at(t, p))
     return Picture("time", "Over time", caption, draw)
 
@@ -273,12 +275,12 @@ def _measured_at(t: Array, p: Prediction) -> list[Fact]:
     return [Fact(label, amplitude), Fact("frequency (Hz)", hz / (2 * np.pi))]
 
 
-def by(what: str, names: Sequence[str], before: Array, after: Array) -> Picture:
-    """Errors over noise before and after, by record or by sensor."""
+def by(what: str, names: Sequence[str], before: Array, after: Array, part: Array) -> Picture:
+    """Errors over noise before and after, by record or by sensor; ``part`` over the response."""
     worst = int(np.nanargmax(after))
     return Picture(
         what,
         f"By {what}",
-        f"After, the worst is {names[worst]} at {after[worst]:.3g} times its noise (line: 1).",
+        f"After, the worst is {names[worst]}: {left_over(part[worst], after[worst])} (line: 1).",
         partial(show.draw_errors, names, before, after),
     )

@@ -205,15 +205,7 @@ def notes_of(records: Sequence[Prepared]) -> list[str]:
     return found
 
 
-TABLE_HEAD = (
-    "explanation",
-    "variant",
-    "value",
-    "estimate",
-    "standard error",
-    "unit",
-    "posterior",
-)
+TABLE_HEAD = ("explanation", "variant", "value", "estimate", "standard error", "unit", "posterior")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

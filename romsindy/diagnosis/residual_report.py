@@ -30,7 +30,7 @@ from romsindy.fit.records.driven import ForcedRecord, Sampled
 from romsindy.fit.verdict import AS_GOOD, CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
-from romsindy.text import percent, quantity, two_digits
+from romsindy.text import left_over, percent, quantity, two_digits
 from romsindy.typing import Array
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ class InputLevel:
     level: float  # of the inputs, as a multiple of those so far
     record: int
     apart: float  # rms of the difference over the noise of the record
+    part: float  # the same as a part of that of the response at this level
     band: tuple[float, float]  # Hz, between which half of the power of the difference lies
     samples: int  # of the record
 
@@ -72,10 +73,9 @@ def most_apart(
             except TrajectoryError:
                 continue
             difference = signals[0] - signals[1]
-            apart = float(np.std(difference)) / record.noise.std
-            found.append(
-                InputLevel(level, i, apart, _band(difference, record.decay.dt), len(difference))
-            )
+            size, band = float(np.std(difference)), _band(difference, record.decay.dt)
+            sizes = size / record.noise.std, size / float(np.std(signals[0]))
+            found.append(InputLevel(level, i, *sizes, band, len(difference)))
     return max(found, key=lambda f: f.apart, default=None)
 
 
@@ -199,7 +199,7 @@ class ResidualReport(Explained):
             return [f"Next: {beside}"]
         low, high = level.band
         where = f"record {level.record + 1} with inputs {level.level:g} times as large"
-        how_far = f"{level.apart:.2g} times the noise, most between {low:.3g} and {high:.3g} Hz"
+        how_far = f"{left_over(level.part, level.apart)}, most between {low:.3g} and {high:.3g} Hz"
         if not level.enough:
             return [
                 f"Next: at no level that was simulated they differ enough (at most {how_far},"

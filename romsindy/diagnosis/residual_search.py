@@ -154,6 +154,8 @@ class ResidualSearch(Search):
             (sensor, start.solution.motions, _SENSOR),
         ):
             found = screened(model, parts, candidates, self.records, scales, motions)
+            if not found.system.finite:  # a fit that went astray, beside which nothing is small
+                continue
             chosen += [(s,) for s in self._survivors(found, most)]
             forces = [s for s in found.singles() if not isinstance(s.effect, ReadingEffect)]
             pairs = found.pairs(leaders(forces))[:_PAIRS]

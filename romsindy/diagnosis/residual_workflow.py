@@ -43,13 +43,7 @@ from romsindy.effects.drive import (
     InputLag,
 )
 from romsindy.fit.adequacy.independence import examine_decays
-from romsindy.fit.forced.drives import (
-    drives_of,
-    freed,
-    inputs_in,
-    latest,
-    regressed,
-)
+from romsindy.fit.forced.drives import drives_of, freed, inputs_in, latest, regressed
 from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, in_place
 from romsindy.fit.records.arguments import small_frequencies

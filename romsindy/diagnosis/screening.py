@@ -226,8 +226,10 @@ def screened(
         first += n
     system = NormalEquations(n_parts, n_records, first - n_base, model.n_coordinates)
     for i, record in enumerate(records):
-        where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
-        system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
+        with np.errstate(all="ignore"):  # `finite` says whether they stay within reach of numbers
+            where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
+            at = np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int)
+            system.add(at, rows)
     system.add_priors(parts)
     return Screening(system, n_base, tuple(candidates), scales)
 

@@ -61,12 +61,7 @@ class NoiseModel(Protocol):
     """
 
     def fitted(
-        self,
-        model: Any,
-        records: Sequence[Any],
-        parts: Sequence[Part],
-        n_unsure: int,
-        n_free: int,
+        self, model: Any, records: Sequence[Any], parts: Sequence[Part], n_unsure: int, n_free: int
     ) -> Hypothesis:
         """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
 

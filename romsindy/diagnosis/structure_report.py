@@ -23,7 +23,7 @@ from romsindy.text import TextTable
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
-_SIDES = ("before", "after")
+_SIDES = ("before", "after", "part")
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class SensorError:
     label: str
     before: float
     after: float
+    part: float  # the rms afterwards, as a part of that of the response
 
 
 def sensor_errors(
@@ -42,8 +43,9 @@ def sensor_errors(
     readings = decay.between(end=both[0].decay.t[-1]).signal.reshape(-1, len(labels))
     noise = np.array([noise_std(y) for y in readings.T])
     left = [readings - c.readings[-len(readings) :] for c in both]
-    errors = [np.sqrt(np.mean(x**2, axis=0)) / noise for x in left]
-    return tuple(SensorError(*row) for row in zip(labels, *errors, strict=True))
+    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
+    told = before / noise, after / noise, after / np.std(readings, axis=0)
+    return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -112,12 +114,11 @@ class StructureReport(Written):
     def _left(self) -> str:
         """What is left over all sensors, the worst of them by name."""
         gap, kind = self.gap, self.reduced.left
-        rest = words.remainder(gap, kind)
         known = [e for e in self.sensor_errors if np.isfinite(e.after)]
         if not known:
-            return rest
+            return words.remainder(gap, kind)
         worst = max(known, key=lambda e: e.after)
-        return words.over_sensors(rest, gap, kind, worst.label, worst.after)
+        return words.over_sensors(gap, kind, worst.label, worst.part, worst.after)
 
     def table(self) -> list[list[str]]:
         return self.reduced.table()
@@ -137,8 +138,8 @@ class StructureReport(Written):
         """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
         from romsindy.diagnosis.pictures import by
 
-        before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
-        sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
+        errors = [np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES]
+        sensors = by("sensor", [e.label for e in self.sensor_errors], *errors)
         return {**self.reduced.pictures(), sensors.name: sensors}
 
     def page(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from romsindy.diagnosis.difference import DEFAULT, KINDS, WIDEST, Difference, To
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.text import listed, percent, two_digits
+from romsindy.text import left_over, listed, percent, two_digits
 
 _SOURCES = {
     DEFAULT: "{} would not matter",
@@ -128,16 +128,15 @@ def confirming(effects: Sequence[FoundEffect]) -> str:
 def remainder(gap: Gap, kind: str) -> str:
     """How much is left, and what kind of thing it is."""
     worst = gap.predictions[gap.worst]
-    times = f"{two_digits(gap.after)} times the noise"
-    if kind == "noise":
-        return f"nothing but noise ({times})."
-    return f"{percent(worst.beyond_noise(worst.after))} of the amplitude, {times}{_KINDS[kind]}."
+    left = worst.left(worst.after)
+    return f"nothing but noise ({left})." if kind == "noise" else f"{left}{_KINDS[kind]}."
 
 
-def over_sensors(rest: str, gap: Gap, kind: str, sensor: str, times: float) -> str:
-    """What is left of a beam: ``rest`` in its first mode, and of the sensor that is worst."""
-    of_worst = f"{two_digits(times)} times its noise"
+def over_sensors(gap: Gap, kind: str, sensor: str, part: float, times: float) -> str:
+    """What is left of a beam: in its first mode, and ``part`` and ``times`` of the worst sensor."""
+    of_worst = left_over(part, times)
     if kind == "noise" and times > PREDICTED:
-        first = f"{two_digits(gap.after)} times the noise in the coordinate of the first mode"
-        return f"{of_worst} at the worst sensor, {sensor}; {first}."
-    return f"{rest.removesuffix('.')}; the worst sensor is {sensor} at {of_worst}."
+        first = gap.predictions[gap.worst]
+        there = f"{first.left(first.after)} in the coordinate of the first mode"
+        return f"{of_worst} at the worst sensor, {sensor}; {there}."
+    return f"{remainder(gap, kind).removesuffix('.')}; at the worst sensor, {sensor}, {of_worst}."

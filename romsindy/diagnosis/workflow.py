@@ -30,14 +30,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.kernel.part import Coefficient, Part, extended, in_place
 from romsindy.fit.records.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import (
-    AS_WELL,
-    NEARLY_WHOLE,
-    NOTHING_LEFT,
-    ROUNDED,
-    SHARED,
-    UNJUDGED,
-)
+from romsindy.fit.verdict import AS_WELL, NEARLY_WHOLE, NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from romsindy.fit.functions.identification import Identification
+from romsindy.fit.kernel.prepared import part_of
 from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.results.forced_band import ForcedBand
@@ -24,7 +25,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.regression.judged import Beside
 from romsindy.show.compared import Compared, channels_of
-from romsindy.text import TextTable, quantity, with_error
+from romsindy.text import TextTable, left_over, quantity, with_error
 from romsindy.typing import Array, Indices
 
 _LOW, _CURVE = 0.02, 40  # of the largest amplitude, where a backbone begins; points of it
@@ -161,12 +162,13 @@ class Identified:
                 "what one simulation of the equation leaves of the record from its start to its end"
             )
         worst = int(np.argmax(self.left))
-        cut = any(record.since > 0 for record, _ in self.compared)
-        what = "piece" if cut else "decay"
+        record, left = self.compared[worst]
+        what = "piece" if any(r.since > 0 for r, _ in self.compared) else "decay"
         several = f" ({what} {worst + 1}, the worst of {len(self.left)})"
         return (
             f"what one simulation of the equation leaves of the {what} from its start to its end,"
-            f" {self.left[worst]:.3g} times the noise{several if len(self.left) > 1 else ''}"
+            f" {left_over(part_of([record], [left]), self.left[worst])}"
+            f"{several if len(self.left) > 1 else ''}"
         )
 
     def inputs(self) -> dict[str, dict[str, Any]]:

@@ -216,9 +216,7 @@ class DampingEffect(BeamEffect):
 
 
 def mounted_effects(
-    curve: StaticCurve,
-    catalogue: Sequence[TermEffect] = BEAM_CATALOGUE,
-    at: float | None = None,
+    curve: StaticCurve, catalogue: Sequence[TermEffect] = BEAM_CATALOGUE, at: float | None = None
 ) -> tuple[MountedEffect, ...]:
     """The effects of a catalogue that can be on this beam, each at its place.
 

@@ -63,12 +63,7 @@ _ALIKE = (
 _MASS = (_Varied("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
 _CLAMP = (
     _Varied(
-        "clamp_compliance",
-        "a clamp that gives way",
-        "rad/(N m)",
-        changes.ClampCompliance,
-        1e-3,
-        1,
+        "clamp_compliance", "a clamp that gives way", "rad/(N m)", changes.ClampCompliance, 1e-3, 1
     ),
 )
 _SPRING = (

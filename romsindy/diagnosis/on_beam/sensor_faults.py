@@ -42,11 +42,7 @@ class SensorFault:
 
 
 def find_fault(
-    measured: Array,
-    simulated: Array,
-    shapes: Array,
-    labels: list[str],
-    gains: Array | None = None,
+    measured: Array, simulated: Array, shapes: Array, labels: list[str], gains: Array | None = None
 ) -> SensorFault | None:
     """Find the channel that is faulty, if there is one.
 

@@ -81,10 +81,7 @@ class BeamRounds(Rounds):
         return self.structure.seen
 
     def placed(
-        self,
-        found: Outcome,
-        effects_at: Callable[[float], Sequence[Effect]],
-        slack: Latitude,
+        self, found: Outcome, effects_at: Callable[[float], Sequence[Effect]], slack: Latitude
     ) -> tuple[Outcome, PlaceOnBeam | None]:
         """Where the effect that was found acts, and what is found with it there.
 

@@ -13,7 +13,7 @@ from romsindy.diagnosis.on_simulator.effects import ValueEffect
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.simulator.force import LawForce
-from romsindy.text import listed, percent
+from romsindy.text import left_over, listed, percent
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -96,7 +96,7 @@ class SimulatorReport(StructureReport):
             worst = max(self.sensor_errors, key=lambda e: e.after)
             lines.append(
                 f"Added to {name}: {listed(added)}. Its own error in {worst.label} goes from"
-                f" {worst.before:.3g} to {worst.after:.3g} times the noise."
+                f" {worst.before:.3g} times the noise to {left_over(worst.part, worst.after)}."
             )
         if self.not_there and not self.trouble:
             why = "it takes no force" if self.seen.scale is None else "no force of t, x, v is that"

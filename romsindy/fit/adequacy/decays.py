@@ -16,7 +16,7 @@ from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
 from romsindy.fit.adequacy.verdicts import DEGREE, HARMONICS, Adequacy
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import Prepared, part_of
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import FALSE_ALARM
 from romsindy.typing import Array
@@ -40,8 +40,7 @@ def examine(
     alone, white = zip(*pairs, strict=True)
     repeated = sum(map(len, white)) / sum(map(len, residuals))  # for each coordinate once
     found = examine_white(alone, white, round(n_values * repeated), false_alarm)
-    left = sum(float(np.sum(e**2)) for e in residuals)
-    return replace(found, part=float(np.sqrt(left / sum(r.power for r in records))))
+    return replace(found, part=part_of(records, residuals))
 
 
 def examine_white(

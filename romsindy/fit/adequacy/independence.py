@@ -39,7 +39,7 @@ from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.noises import Noises, NoiseTable, TwoNoises, found_noises, steady
 from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, columns_of, limits, moved_parts
-from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
+from romsindy.fit.kernel.prepared import Prepared, chi_squared_of, part_of
 from romsindy.fit.verdict import EXPLAINED, FADES, FALSE_ALARM
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
@@ -89,8 +89,7 @@ def examine_driven(
     verdict = examine_forced(records, solution.residuals, solution.n_values, false_alarm)
     if not 0 < verdict.part < np.inf:
         return verdict
-    pairs = [*enumerate(records)]
-    return judged(verdict, examine_independence(model, solution, pairs), pairs)
+    return judged(verdict, where_moved(model, solution, records)[0], [*enumerate(records)])
 
 
 def judged(
@@ -124,21 +123,25 @@ def examine_independence(
     return independence(tables, sum(part.size for part in solution.parts))
 
 
-def of_decays(
+def where_moved(
     model: Equations, solution: Solution, records: Sequence[Prepared]
 ) -> tuple[Independence, Solution | None]:
-    """What goes with the motion of decays in that which a fit leaves, and the noises in it.
+    """What goes with motion or input in that which a fit leaves, and the noises in it.
 
     It is looked for about the motions that forces move which nobody measured, those of the second
     if there is one: about a simulation that they led far off, what they do would go with it.
     """
-    pairs, noises = [*enumerate(records)], {}
-    for i, record in pairs:
-        fitted = model, solution.parts, i, record, solution.motions[i]
-        table = by_values(*fitted, solution.residuals[i])[1]
-        noises[i] = found_noises(table.noises, table.left)
+    tables = by_value_of(model, solution, records)
+    noises = {i: found_noises(table.noises, table.left) for i, table in enumerate(tables)}
     moved = settled(model, solution, records, noises)
-    found = examine_independence(model, moved or solution, pairs)
+    return examine_independence(model, moved or solution, [*enumerate(records)]), moved
+
+
+def of_decays(
+    model: Equations, solution: Solution, records: Sequence[Prepared]
+) -> tuple[Independence, Solution | None]:
+    """What goes with the motion of decays, as `where_moved`; too loud a noise does as well."""
+    found, moved = where_moved(model, solution, records)
     if any(_louder(n, record) for n, record in zip(found.noises, records, strict=True)):
         found = replace(found, p_value=0.0)
     return found, moved
@@ -321,7 +324,6 @@ def examine_forced(
     """How much residuals (n,) are; what they are is not tried, see `independence`."""
     n = sum(map(len, residuals))
     power = sum(float(e @ e) for e in residuals)
-    heard = sum(r.power for r in records)
     return ForcedAdequacy(
         ratio=float(np.sqrt(chi_squared_of(records, residuals) / max(n - n_values, 1))),
         p_value=np.nan,
@@ -333,7 +335,7 @@ def examine_forced(
         unit=records[0].decay.unit,
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
-        part=float(np.sqrt(power / heard)),
+        part=part_of(records, residuals),
         measured_unit=records[0].decay.signal_unit,
         levels=_levels(records, residuals),
     )
@@ -380,11 +382,16 @@ def by_values(
     return response, two.table(np.column_stack([columns, last]))
 
 
+def by_value_of(
+    model: Equations, solution: Solution, records: Sequence[Prepared]
+) -> list[NoiseTable]:
+    """The samples of a fit to all records, with what it leaves."""
+    several = enumerate(zip(records, solution.motions, solution.residuals, strict=True))
+    return [by_values(model, solution.parts, i, *each)[1] for i, each in several]
+
+
 def settled(
-    model: Equations,
-    solution: Solution,
-    records: Sequence[Prepared],
-    noises: Mapping[int, Noises],
+    model: Equations, solution: Solution, records: Sequence[Prepared], noises: Mapping[int, Noises]
 ) -> Solution | None:
     """The same by generalised least squares; ``noises`` are those of records, by their number.
 

@@ -18,7 +18,7 @@ from romsindy.fit.verdict import (
     STRUCTURE,
     WIDEST_SIGNAL,
 )
-from romsindy.text import percent, quantity
+from romsindy.text import left_over, percent, quantity
 from romsindy.typing import Array
 
 HARMONICS = 5
@@ -135,8 +135,7 @@ class Adequacy:
             return "The model does not explain the data: it has no motion that follows the record."
         size = f"residual {self.ratio:.3g} times the noise"
         if self.part:
-            part = f"it leaves {percent(self.part)} of the response"
-            size = f"{part}, {self.ratio:.3g} times the noise"
+            size = f"it leaves {left_over(self.part, self.ratio)}"
         if self.explained:
             return (
                 f"The model explains the data to their noise, up to the largest amplitude of"

@@ -285,6 +285,12 @@ def found_noises(noises: TwoNoises, left: Array) -> Noises:
     return search.sized(best)
 
 
+def usual_noises(noises: TwoNoises, left: Array) -> Noises:
+    """Without a search: what is left is of the sensors, and a force moves as much."""
+    search = _NoiseSearch.of(noises, left)
+    return search.noises(search.alike(0.0, 0.0))
+
+
 @dataclass(frozen=True)
 class _NoiseSearch:
     """For noises, by powers of e on the usual force, arctanh of colours, powers of e on sensors.
@@ -336,10 +342,7 @@ class _NoiseSearch:
     def weighed(self, noises: Noises) -> tuple[float, float]:
         """Chi-square of what is left, and the log-determinant."""
         found = [table.weighed(noises) for table in self.tables]
-        return (
-            sum(float(w.products[0, 0]) for w in found),
-            sum(w.log_determinant for w in found),
-        )
+        return (sum(float(w.products[0, 0]) for w in found), sum(w.log_determinant for w in found))
 
     def cost(self, x: Array) -> float:
         """-2 log likelihood, whatever the size of all noises together."""

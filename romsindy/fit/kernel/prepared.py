@@ -214,6 +214,12 @@ def chi_squared_of(records: Sequence[Prepared], residuals: Sequence[Array]) -> f
     return sum(float(np.sum(record.whitened(left) ** 2)) for record, left in pairs)
 
 
+def part_of(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:
+    """Rms of what is left of some records, as a part of that of the response."""
+    left = sum(float(e @ e) for e in residuals)
+    return float(np.sqrt(left / sum(r.power for r in records)))
+
+
 def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
     """Those of several coordinates that ring; of records in pieces the first, with all tones."""
     return [r for r in records if r.tones and r.since == 0]
