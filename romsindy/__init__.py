@@ -36,9 +36,10 @@ _MOVED = {
     "ForcedResponse": "romsindy.orbits.curves.ForcedResponse",
     "Inspection": "romsindy.inspection.inspection.Inspection",
     "InteractionReport": "romsindy.diagnosis.InteractionReport",
+    "SimulatorReport": "romsindy.diagnosis.SimulatorReport",
     "SteadyFit": "romsindy.fit.steady.fit.SteadyFit",
 }
-_ROOMS = ("beam", "diagnosis", "effects", "physics", "show")
+_ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "simulator")
 
 __all__ = sorted(_MODULE_OF)
 

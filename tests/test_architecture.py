@@ -26,7 +26,7 @@ ROOMS = [
     {"physics"},
     {"effects", "orbits"},
     {"beam", "fit"},
-    {"regression"},
+    {"regression", "simulator"},
     {"show"},
     {"diagnosis", "inspection"},
     {"commands"},

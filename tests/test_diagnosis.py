@@ -21,9 +21,9 @@ from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.decay_search import ProcessNoise
-from romsindy.diagnosis.diagnose import model_of_simulation
 from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.screening import screen
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
 from romsindy.effects.outside import Hum
 from romsindy.fit.records.record import Record, scales
@@ -498,7 +498,7 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     }
     with pytest.warns(UserWarning, match="not uniform"):
         test = rs.Decay(content[f"test_{run}_0kn_t"], content[f"test_{run}_0kn_phi"], unit="rad")
-    known = model_of_simulation(series["sim_fnpf_inviscid_0kn"])
+    known = model_of_simulation([series["sim_fnpf_inviscid_0kn"]])
     result = diagnose(
         known.model,
         test.between(start).free(),
@@ -674,11 +674,12 @@ def test_what_a_model_has_already_may_be_too_much(key, effect, law, truth):
 def test_simulation_with_friction_is_reduced_with_it():
     """Without it the reduction missed its own series by 50 %, and nothing mattered any more."""
     force = lambda t, q, v: 0.2 * np.tanh(v / 1e-3)  # noqa: E731
-    known = model_of_simulation(decay(1.0, force, snr_db=90))
+    series = decay(1.0, force, snr_db=90)
+    known = model_of_simulation([series])
     # What the smooth law lacks of a jump is a thousandth of it.
     assert known.model.coefficients["c_coulomb"] == pytest.approx(0.2, rel=5e-3)
     test = decay(0.9, force, seed=1)
-    given = {"tolerances": known.tolerances, "floor": known.floor, "reference": known.reference}
+    given = {"tolerances": known.tolerances, "floor": known.floor, "reference": series}
     assert diagnose(known.model, test, **given).verdict == "none"
 
 

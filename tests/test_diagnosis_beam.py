@@ -92,7 +92,7 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
 def test_report_is_written(report, tmp_path):
     report.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
-    assert "Sensors of the beam" in page and "beam.with_effect(PointMass(" in page
+    assert ">Sensors<" in page and "beam.with_effect(PointMass(" in page
     assert json.loads(report.to_json())["sensors"][0]["label"] == "y(0.12)"
     report.to_csv(tmp_path / "table.csv")
     assert "added_mass" in (tmp_path / "table.csv").read_text()
@@ -361,7 +361,7 @@ def test_recipe_and_model_are_those_of_the_verdict(heavier):
     there = {p.effect.name for p in report.parts}
     named = {e.name for e in report.effects}
     assert there <= named and "drift" in named
-    assert len(report.not_on_beam) == len(named - there)
+    assert len(report.not_there) == len(named - there)
     assert "not on the beam" in report.recipe and "Not on the improved beam" in report.sentence
     assert len(report.model.effects) == len(BEAM.effects) + len(there)
 

@@ -11,7 +11,7 @@ import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
 from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.defect import calm_from, read_release
+from romsindy.diagnosis.on_beam.defect import read_release
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.parameters import parameter_effects, points, standard_deviations
 from romsindy.diagnosis.on_beam.place import Latitude, find_place
@@ -23,6 +23,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_error,
 )
 from romsindy.diagnosis.on_beam.workflow import calibrated
+from romsindy.diagnosis.structure import calm_from
 from romsindy.effects import AtPoint, Damper
 from romsindy.effects.base import Scales
 from romsindy.fit.kernel.part import Part

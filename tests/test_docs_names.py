@@ -42,7 +42,10 @@ VARIABLES = {
     "found": ("Identification",),
     "inspection": ("Inspection",),
     "model": ("ReducedModel", "CoupledModel"),
-    "report": ("DiagnosisReport", "BeamReport", "ForcedReport", "InteractionReport"),
+    "report": (
+        *("DiagnosisReport", "BeamReport", "ForcedReport", "InteractionReport"),
+        "SimulatorReport",
+    ),
 }
 # Of other packages, a coefficient, the reader's; and another command.
 NOT_OURS = {"Axes", "Figure", "GridSearchCV", "ValueError", "Gamma", "MyEffect"}

@@ -14,8 +14,8 @@ from romsindy.commands.main import main
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.diagnosis import decay_search, diagnose
 from romsindy.diagnosis.arguments import shared_part
-from romsindy.diagnosis.diagnose import model_of_simulation
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
@@ -198,7 +198,7 @@ def test_a_simulated_series_is_taken_as_by_the_command(no_search):
     t = np.arange(8 * RATE) / RATE
     series = rs.Decay(t, swing(0.012), unit="m")
     found = diagnose(series, rs.Decay(t, noisy(swing(0.011)), unit="m"))
-    known = model_of_simulation(series)
+    known = model_of_simulation([series])
     assert found.verdict == "none"
     assert found.nominal.coefficients == known.model.coefficients
     assert found.tolerance.signal >= known.floor

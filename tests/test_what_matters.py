@@ -11,9 +11,9 @@ from test_diagnosis import LONG, MODEL, OMEGA, decay
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis import decay_search, diagnose, search
-from romsindy.diagnosis.diagnose import model_of_simulation
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance_sources import of_repeats, stated
 from romsindy.diagnosis.words import odds
 from romsindy.fit.records.record import Record
@@ -76,7 +76,7 @@ def test_the_same_difference_matters_without_one():
 @pytest.mark.slow
 def test_a_file_against_itself_is_none(no_search):
     run = decay(1.0, changed=OTHER, snr_db=60)
-    known = model_of_simulation(run)
+    known = model_of_simulation([run])
     assert diagnose(measured=run, **known._asdict()).verdict == "none"
 
 
@@ -88,7 +88,7 @@ def test_a_fit_that_broke_off_stands_for_no_simulation():
     model = rs.ReducedModel.from_coefficients({"omega^2": 2e4, **values}, "m")
     clean = model.simulate(3.4e-4, 0.0, np.arange(0, 8, 1 / 2345))
     noise = 1e-6 * np.random.default_rng(1).standard_normal(len(clean.t))
-    known = model_of_simulation(rs.Decay(clean.t, clean.q + noise, unit="m")).model
+    known = model_of_simulation([rs.Decay(clean.t, clean.q + noise, unit="m")]).model
     assert known.coefficients["c_linear"] == pytest.approx(0.467, rel=0.03)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 import romsindy as rs
-from romsindy.diagnosis.diagnose import model_of_simulation
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.refine import refine
 
 
@@ -34,7 +34,7 @@ def ship(folder: Path, run: str, start: float) -> tuple[rs.DiagnosisReport, floa
         warnings.filterwarnings("ignore", message="t is not uniform")
         test = rs.Decay(content[f"{name}_t"], content[f"{name}_phi"], unit="rad")
     test = test.between(start).free()
-    known = model_of_simulation(simulated)
+    known = model_of_simulation([simulated])
     report = rs.diagnose(known.model, test, tolerances=known.tolerances, floor=known.floor)
     backbone = rs.extract_backbone(test)
     low, high = known.model.amplitude_range
@@ -155,7 +155,7 @@ def against_repeat(name: str, folder: Path) -> Callable[[], rs.DiagnosisReport]:
     if third:
         known = rs.identify(first)
         return lambda: rs.diagnose(known, second, repeats=[first, *third])
-    simulated = model_of_simulation(first)
+    simulated = model_of_simulation([first])
     return lambda: rs.diagnose(
         simulated.model,
         second,

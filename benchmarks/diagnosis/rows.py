@@ -14,7 +14,7 @@ from noises import KINDS
 from repeats import MOVED, pair_of
 
 import romsindy as rs
-from romsindy.diagnosis.diagnose import model_of_simulation
+from romsindy.diagnosis.simulated import model_of_simulation
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def against_itself(seed: int, folder: Path) -> dict:
 
     def diagnosis():
         decay = trial.decays()[0]
-        known = model_of_simulation(decay)
+        known = model_of_simulation([decay])
         return rs.diagnose(
             known.model, decay, tolerances=known.tolerances, floor=known.floor, reference=decay
         )

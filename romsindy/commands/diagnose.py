@@ -41,12 +41,13 @@ from romsindy.commands.outputs import (
 )
 from romsindy.diagnosis.diagnose import diagnose as run_diagnosis
 from romsindy.diagnosis.difference import KINDS
-from romsindy.diagnosis.on_beam.report import BeamReport
+from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.equations import Equations, inputs_of
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
+from romsindy.simulator import Program
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -54,12 +55,21 @@ _TABLE = "explanation,variant,value,"  # how a CSV begins
 # What a script is told with --exit-code; a refusal is 2, an interruption 130.
 _CODES = {"none": 0, "named": 10, "ambiguous": 11, "unknown": 12}
 # Arguments of Python at the start of a message, and the options that stand for them.
-_OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
-_ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
+_OPTIONS = {
+    "n_jobs": "jobs",
+    "held_out": "held-out",
+    "parameters": "parameter",
+    "time_limit": "time-limit",
+}
+_ARGUMENTS = (
+    "free|parameters|time_limit|simulator|tolerances|tolerance|floor|repeats|reference|n_jobs"
+    "|held_out"
+)
 _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
 # Options that are for free decays, and what to do without them.
 _DECAYS = {
     "simulated": "a series has no input: give the equation, --model",
+    "simulator": "a simulator is asked for decays: give the equation, --model",
     "beam": "in Python, beam.reduce(...) makes a model: give that, --model",
     "whole": "the whole record is taken",
     "reference": "what repeats of the test differ by, --repeats, is asked instead",
@@ -87,8 +97,25 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     return sizes
 
 
+def _values(_: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+    """Values of a simulator, NAME=VALUE or NAME=VALUE:TOLERANCE."""
+    values: dict[str, Any] = {}
+    for text in given:
+        name, _sep, numbers = text.partition("=")
+        value, within, tolerance = numbers.partition(":")
+        try:
+            values[name.strip()] = (float(value), float(tolerance)) if within else float(value)
+        except ValueError:
+            raise click.BadParameter(
+                f"{text!r} is not NAME=VALUE, or NAME=VALUE:TOLERANCE with a relative tolerance,"
+                " such as k=1000:0.05"
+            ) from None
+    return values
+
+
 _HEADINGS = {
     "What is compared": "--measured --simulated --model --beam --held-out",
+    "Your own simulator": "--simulator --parameter --runs --time-limit",
     "Reading": f"{READING} --mode --band --release --whole",
     "Measured inputs": INPUTS,
     "What does not matter": "--tolerance --repeats --reference --floor",
@@ -114,6 +141,29 @@ _HEADINGS = {
     help="The simulation as a model (JSON), as identify --model or --save writes it.",
 )
 @click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
+@click.option(
+    "--simulator",
+    metavar="COMMAND",
+    help="The simulation as a program, run once for every release, such as 'octave-cli model.m"
+    " {release} {out}'; also {duration}, {step}, {times}, {force.m}, and names of parameters.",
+)
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    callback=_values,
+    metavar="NAME=VALUE[:TOLERANCE]",
+    help="A value that the program takes as {NAME}, with its relative standard deviation;"
+    " without one it is looked for like an effect; repeatable.",
+)
+@click.option(
+    "--runs",
+    default="simulations",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder in which runs of the program are kept.",
+)
+@click.option("--time-limit", default=600.0, show_default=True, help="Of one run, s.")
 @click.option("--held-out", type=_FILE, help="Record to judge by, which takes no part otherwise.")
 @reading_options
 @input_options
@@ -176,6 +226,10 @@ def diagnose(
     simulated: Path | None,
     model_file: Path | None,
     beam_file: Path | None,
+    simulator: str | None,
+    parameters: dict[str, Any],
+    runs: Path,
+    time_limit: float,
     held_out: Path | None,
     repeats: tuple[Path, ...],
     reference: tuple[Path, ...],
@@ -198,19 +252,22 @@ def diagnose(
 ) -> None:
     """Name what a simulation lacks, from measured vibrations, free or driven.
 
-    The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
-    one measured column per sensor. A model of several coordinates is compared with all that rings
-    in one column or more. Of a beam, omega^2 and c_linear stand for the bending stiffness and the
-    damping in proportion to mass. Measured files are read as identify reads them, one decay of
-    every release: level, hold and tail are taken off, but nothing is filtered, and no mode
-    isolated unless --mode or --band asks for it. With --input the records of a model are
-    vibrations that measured inputs drive. The exit code is 2 where something is refused, and 130
-    after an interruption (Ctrl-C), which keeps what was compared.
+    The simulation is a model (--model), a simulated decay (--simulated), a program that simulates
+    one after a release (--simulator), or a beam (--beam) with one measured column per sensor. A
+    model of several coordinates is compared with all that rings in one column or more. Of a beam,
+    omega^2 and c_linear stand for the bending stiffness and the damping in proportion to mass.
+    Measured files are read as identify reads them, one decay of every release: level, hold and
+    tail are taken off, but nothing is filtered, and no mode isolated unless --mode or --band asks
+    for it. With --input the records of a model are vibrations that measured inputs drive. The
+    exit code is 2 where something is refused, and 130 after an interruption (Ctrl-C), which keeps
+    what was compared.
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
-    if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
-        raise click.UsageError("name one of --simulated, --model and --beam")
+    if sum(f is not None for f in (simulated, model_file, beam_file, simulator)) != 1:
+        raise click.UsageError("name one of --simulated, --model, --simulator and --beam")
+    if parameters and simulator is None:
+        raise click.UsageError("--parameter is a value of a program: give it, --simulator")
     page = report or default_page(f"{measured[0].stem}_diagnosis.html")
     choice = Selection(mode, band, release, whole)
     simulation: dict[str, Any] = {}
@@ -220,6 +277,9 @@ def diagnose(
         beam, sensors, columns = load_beam(beam_file)
         simulation = {"model": beam, "sensors": sensors}
         reading["column"], choice = columns, Selection(whole=True)
+    elif simulator is not None:
+        simulation = {"model": Program(simulator, runs, time_limit), "parameters": parameters}
+        choice = choice._replace(coordinates=max(len(reading["column"]), 1))
     elif simulated is not None:
         simulation = {"model": _series(simulated, reading["unit"])}
     elif model_file is not None:
@@ -369,7 +429,7 @@ def _tell(result: Any, full: bool) -> None:
     click.echo(f"{result.verdict}\n{result}\n")
     if not full:
         return
-    of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
+    of_sensors = [result.sensor_table()] if isinstance(result, StructureReport) else []
     for rows in (result.gap.table(), *of_sensors, result.table()):
         if len(rows) > 1:
             click.echo(f"{aligned(rows)}\n")

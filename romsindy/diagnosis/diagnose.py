@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
+from romsindy.diagnosis.on_simulator.report import SimulatorReport
+from romsindy.diagnosis.on_simulator.workflow import checked_values, diagnose_simulator
 from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
@@ -37,30 +39,27 @@ from romsindy.diagnosis.residual_workflow import (
 )
 from romsindy.diagnosis.residual_workflow import of_repeats as of_driven_repeats
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
 from romsindy.diagnosis.workflow import diagnose_model
-from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
+from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
-from romsindy.effects.choices import sought
-from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Coefficient, Part, Solution, extended
-from romsindy.fit.records.record import Record, scales
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.fitted import Fit
-from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ONE_MODE, SAME_SIGNAL
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.stiffness import Stiffness
-from romsindy.physics.term import Term
-from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Measurement
+from romsindy.simulator import Program, Simulator
+
+Simulation = Simulator | Callable[..., Any] | str  # of a user: an object, a function, a command
 
 
 def diagnose(
-    model: ReducedModel | CoupledModel | Estimate | Beam | Decay,
+    model: ReducedModel | CoupledModel | Estimate | Beam | Decay | Simulation,
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
@@ -68,6 +67,7 @@ def diagnose(
     release: Shape | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float | tuple[float, float]] | None = None,
     tolerance: Tolerance | float | Mapping[str, float] | None = None,
     repeats: Sequence[Decay] | Sequence[ForcedVibration] | None = None,
     reference: Decay | Sequence[Decay] | None = None,
@@ -77,7 +77,14 @@ def diagnose(
     floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | CoupledDiagnosis | InteractionReport | BeamReport | ForcedReport:
+) -> (
+    DiagnosisReport
+    | CoupledDiagnosis
+    | InteractionReport
+    | BeamReport
+    | ForcedReport
+    | SimulatorReport
+):
     """Find, name and add what a simulation lacks.
 
     Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
@@ -85,10 +92,12 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel, CoupledModel, Estimate, Beam or Decay
+    model : ReducedModel, CoupledModel, Estimate, Beam, Decay, function, object or command
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
         and knows how far that may be off. A decay is a simulated series, which is reduced to an
-        equation of one coordinate first.
+        equation of one coordinate first. A function ``simulate(release, t)``, an object with that
+        method, or a command is a `Simulator` of one's own, see `romsindy.simulator`; where it takes
+        a ``force``, what is found is added, and it runs again.
     measured : Decay, ForcedVibration, or sequence of either
         For a model: one channel each, in its unit; of a `CoupledModel` any number of channels, in
         which its coordinates ring together. For a beam: displacements from the equilibrium
@@ -116,6 +125,10 @@ def diagnose(
         "axial_stiffness", "point_masses", "rotary_inertia", "spring_stiffness", "pre_tension",
         "clamp_compliance" (of a rigid clamp in rad/(N m)), "mass_damping", "material_damping"; in
         m those of positions, "anchor_x", "anchor_y" and "sensor_positions".
+    parameters : mapping of str to (float, float) or float, optional
+        Values that a simulator of one's own takes, under the names that it gives them: the value
+        as assumed, and its relative standard deviation: it follows the data within that. A value
+        alone may be off by any amount, and is looked for like an effect.
     tolerance : Tolerance, float or mapping of str to float, optional
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
@@ -162,14 +175,21 @@ def diagnose(
     check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
+    simulator = simulator_of(model)
+    if simulator is None and parameters is not None:
+        raise ValueError(
+            "parameters = ... are values of a simulator of one's own: for a model or a Beam say"
+            " tolerances"
+        )
     if isinstance(model, Measurement) and not model.driven:
         if driven:
             raise ValueError("model is a Decay, which has no input: give the equation instead")
-        known = model_of_simulation(model)
-        model, references = known.model, [known.reference, *references]
+        series = model
+        known = model_of_simulation([series])
+        model, references = known.model, [series, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    simulation = _equation_or_beam(model)
+    simulation: Any = None if simulator is not None else _equation_or_beam(model)
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
@@ -185,6 +205,13 @@ def diagnose(
     aside = cast(Decay | None, held_out)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
+    if simulator is not None:
+        refuse_beside("a simulator", "say it in the simulator", **without, tolerances=tolerances)
+        if again is not None:
+            options = options.tolerating(of_repeats([d.channel(0) for d in again], floor))
+        return diagnose_simulator(
+            simulator, several, aside, free, checked_values(parameters or {}), options
+        )
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
@@ -219,11 +246,28 @@ def diagnose(
 _Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
 
 
+def simulator_of(model: object) -> Simulator | None:
+    """A simulator of one's own, from a function, an object or a command; None for others.
+
+    Raises a ValueError for one that cannot be asked.
+    """
+    if isinstance(model, (Estimate, Equations, Beam, Measurement)):
+        return None
+    if isinstance(model, str):
+        return Simulator.of(Program(model))
+    if isinstance(model, Simulator) or callable(model) or callable(getattr(model, "simulate", 0)):
+        return Simulator.of(model)
+    return None
+
+
 def _equation_or_beam(model: object) -> Any:
     """What is simulated: the equation of an estimate, or what was given."""
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (Equations, Beam)):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+        raise TypeError(
+            f"model is a {type(model).__name__}: give a ReducedModel, Beam, Decay, or a function"
+            " simulate(release, t)"
+        )
     return simulation
 
 
@@ -301,78 +345,3 @@ def _left_out(
     records |= {} if held_out is None else {HELD_OUT: held_out}
     told = {name: shared_part(model, d).left_out for name, d in records.items()}
     return tuple(f"{name} {text}." for name, text in told.items() if text)
-
-
-# -- a simulation that is known as a series alone --------------------------------------------------
-
-
-_CUBIC = Stiffness(3)
-# Laws are added one by one beside it where they explain nearly all: so many times less is left for
-# each of them.
-_NEARLY_ALL = 5.0
-
-
-class SimulationModel(NamedTuple):
-    """Arguments of `diagnose` that stand for a simulated series."""
-
-    model: ReducedModel  # over the amplitudes of the simulation
-    tolerances: dict[str, float]  # nonlinear stiffness is known to its own size only
-    floor: float  # twice what the richest equation leaves, per amplitude: no better known
-    reference: Decay  # the series itself: what the equation misses of it does not matter
-
-
-def model_of_simulation(simulated: Decay) -> SimulationModel:
-    """Reduce a simulated decay to an equation of motion.
-
-    Raises a ValueError if it is too short, or no equation of motion of one coordinate follows it.
-    """
-    try:
-        record = Record.loud(simulated, 1e-4)
-    except ValueError as error:
-        raise ValueError(f"the simulated series cannot be analysed: {error}") from error
-    start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
-    plain, rich = _plainest(start, record), _fitted(start, sought("rich"), record)
-    left = min(_misfit(s, record) for s in (plain, rich))
-    if not left < ONE_MODE:
-        raise ValueError(
-            "no equation of motion follows the simulated series: is it the free decay of one mode?"
-        )
-    model = extended(start, plain.parts)
-    amplitudes = extract_backbone(record.decay).amplitude
-    reach = (float(amplitudes.min()), float(amplitudes.max()))
-    model = ReducedModel(model.terms, model.values, model.unit, reach)
-    return SimulationModel(model, {_CUBIC.key: 1.0}, max(2 * left, FLOOR), simulated)
-
-
-def _plainest(start: ReducedModel, record: Record) -> Solution:
-    """Cubic stiffness, and what else the series cannot do without."""
-    laws: list[Term] = [_CUBIC]
-    found = last = _fitted(start, laws, record)
-    first, least = _misfit(found, record), len(laws)
-    while _misfit(last, record) > FLOOR:
-        left = [law for law in sought("series") if law not in laws]
-        if not left:
-            break
-        trials = [_fitted(start, [*laws, law], record) for law in left]
-        misfits = [_misfit(trial, record) for trial in trials]
-        best = int(np.argmin(misfits))
-        laws, last = [*laws, left[best]], trials[best]
-        if first == np.inf:  # nothing followed the series until now
-            found, first, least = last, misfits[best], len(laws)
-        elif misfits[best] * _NEARLY_ALL ** (len(laws) - least) < first:
-            found = last
-    return found
-
-
-def _fitted(start: ReducedModel, laws: Sequence[Term], record: Record) -> Solution:
-    nonlinear = [Coefficient(law) for law in laws]
-    effects: list[Effect] = [LinearFrequency(), Viscous(), *nonlinear]
-    parts = [Part.of(e, scales([record]), 1) for e in effects]
-    return fit(start, parts, [record], iterations=30)
-
-
-def _misfit(solution: Solution, record: Record) -> float:
-    """Rms over the largest amplitude; of a fit that broke off it says nothing of the equation."""
-    if not solution.converged:
-        return float("inf")
-    return float(np.sqrt(np.mean(solution.residuals[0] ** 2)) / np.abs(record.signal).max())

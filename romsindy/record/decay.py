@@ -36,7 +36,7 @@ from romsindy.typing import Array, Indices
 Stage = Literal["raw", "free", "conditioned"]
 STAGES: tuple[Stage, ...] = ("raw", "free", "conditioned")
 
-_NAMES = ("q", "q_dot", "q_ddot")
+SIGNALS = ("q", "q_dot", "q_ddot")
 # Fewer samples a cycle than this are interpolated before cycles are analysed.
 SAMPLES_PER_CYCLE = 40
 
@@ -91,7 +91,7 @@ class Decay(Measurement):
         t = checked_time(self.t)
         signals = {
             name: checked_signal(name, getattr(self, name), len(t))
-            for name in _NAMES
+            for name in SIGNALS
             if getattr(self, name) is not None
         }
         if any(x.shape != signals["q"].shape for x in signals.values()):
@@ -101,7 +101,7 @@ class Decay(Measurement):
         for name, value in {**held, "notes": (*self.notes, *notes)}.items():
             object.__setattr__(self, name, value)
         if self.signal is None:
-            name = _NAMES[self.derivative]
+            name = SIGNALS[self.derivative]
             raise ValueError(f"measured = {self.measured!r} needs {name}, which is None: give it")
         if self.complete:
             object.__setattr__(self, "stage", "conditioned")
@@ -173,9 +173,14 @@ class Decay(Measurement):
         )
 
     @property
+    def signals(self) -> dict[str, Any]:
+        """Displacement, velocity and acceleration, as far as they are known, by name."""
+        return {n: getattr(self, n) for n in SIGNALS if getattr(self, n) is not None}
+
+    @property
     def signal(self) -> Array:
         """What was measured: q, q_dot or q_ddot."""
-        return getattr(self, _NAMES[self.derivative])
+        return getattr(self, SIGNALS[self.derivative])
 
     @property
     def response(self) -> Array:
@@ -298,7 +303,7 @@ class Decay(Measurement):
         columns = [method(x, self.dt) for x in self.q.reshape(len(self.t), -1).T]
         signals = [np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)]
         notes = (*self.notes, f"smoothed and differentiated by {method}")
-        return replace(self, **dict(zip(_NAMES, signals, strict=True)), notes=notes)  # type: ignore[arg-type]
+        return replace(self, **dict(zip(SIGNALS, signals, strict=True)), notes=notes)  # type: ignore[arg-type]
 
     def conditioned(self, method: Filter | None = None) -> Decay:
         """What an analysis of cycles needs: free part, enough samples, derivatives.
@@ -320,7 +325,7 @@ class Decay(Measurement):
         notes: tuple[str, ...] = (),
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
-        signals = {n: getattr(self, n) for n in _NAMES}
+        signals = {n: getattr(self, n) for n in SIGNALS}
         changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
         return replace(self, t=self.t if t is None else t, notes=(*self.notes, *notes), **changed)
 
@@ -375,6 +380,6 @@ def _integrated(rate: Decay, frequency: float, quantity: Quantity) -> Decay:
     if len(rate.t[sound]) < len(rate.t):
         before, after = sound.start * rate.dt, (len(rate.t) - sound.stop) * rate.dt
         done.append(f"{before:.3g} s at the start and {after:.3g} s at the end cut: drift unclear")
-    signals: Any = {"q": q[sound], _NAMES[times]: rate.q[sound]}
+    signals: Any = {"q": q[sound], SIGNALS[times]: rate.q[sound]}
     notes = (*rate.notes, *done)
     return replace(rate, t=rate.t[sound], measured=quantity, notes=notes, **signals)

@@ -13,18 +13,19 @@ almost in one. What the higher modes do in the first cycle tells which forces he
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
+from romsindy.beam.equilibrium import NoEquilibriumError
+from romsindy.beam.motion import StepTooLongError
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
-from romsindy.fit.kernel.collocation import integrate
-from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.linear_response import sampled
+from romsindy.diagnosis.structure import Moved, start_of
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import MOVING
@@ -34,8 +35,7 @@ from romsindy.record.signals import downsample
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
-# A cycle is left out that differs by so many times the median of so many later ones.
-_RESTLESS, _NEXT = 1.3, 8
+FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
@@ -118,58 +118,45 @@ def _modal_forces(beam: Beam, dt: float) -> tuple[Array, float]:
     return forces, float(basis.omega[bending[0]])
 
 
-class Corrected(NamedTuple):
-    """A decay without the defect, what the sensors of the beam in it read, and its release."""
+@dataclass(frozen=True, eq=False)
+class OnBeam:
+    """A beam that a diagnosis simulates, see `diagnosis.structure.SimulatedStructure`."""
 
-    decay: Decay
-    readings: Array  # (n, n_sensors), in what was measured
-    start: tuple[float, float]  # coordinate and its rate
-    release: ReleaseLoad
+    seen: InstrumentedBeam
 
+    what = "the beam"
+    failures: tuple[type[Exception], ...] = FAILURES
+    apart = True
 
-def corrected(
-    seen: InstrumentedBeam,
-    model: ReducedModel,
-    parts: Sequence[Part],
-    record: Record,
-    decay: Decay,
-    release: ReleaseLoad | None = None,
-    smooth: Record | None = None,
-) -> Corrected:
-    """Simulate the beam and its reduced model, both with the effects that a beam can have.
+    def coordinate(self, displacements: Array) -> Array:
+        return self.seen.coordinate(displacements)
 
-    Only the coordinate and its rate at the start are fitted: to the record of the coordinate, or to
-    one that was corrected before, from which higher modes are gone. The decay holds what the
-    sensors measured, m and s, as fast as they did. The release is read from the sensors where none
-    is given.
-    """
-    parts = on_the_beam(parts)
-    beam = beam_with(seen.beam, parts)
-    smooth = smooth or record
-    start = start_of(model, parts, smooth)
-    equation = equation_of(model, parts, 0, record)
-    reduced = integrate(equation, np.array(start), record.motion.grid)
-    own = decay.between(record.decay.t[0])
-    if release is None:
-        release = read_release(seen, beam, start, own.signal, own.dt, own.derivative)
-    moved = simulated(seen, beam, record, own, start, release)
+    def with_effects(self, parts: Sequence[Part]) -> tuple[Part, ...]:
+        return on_the_beam(parts)
 
-    def left(measured: Array, derivative: int) -> Array:
-        """A signal without what the beam does beside its reduced model."""
-        beside = seen.coordinate(moved[derivative]) - sampled(reduced, derivative)[:, 0]
-        return np.asarray(measured - beside)
+    def start(
+        self, model: ReducedModel, parts: Sequence[Part], record: Record
+    ) -> tuple[float, float]:
+        return start_of(model, parts, record)
 
-    signals: dict[str, Any] = {
-        n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
-    }
-    return Corrected(replace(record.decay, **signals), moved[record.derivative], start, release)
+    def moved(
+        self,
+        equation: ExtendedEquation,
+        parts: Sequence[Part],
+        record: Record,
+        decay: Decay,
+        start: tuple[float, float],
+        release: ReleaseLoad | None,
+    ) -> Moved:
+        """What the sensors, that measured ``decay``, read of the beam with some parts.
 
-
-def start_of(model: ReducedModel, parts: Sequence[Part], record: Record) -> tuple[float, float]:
-    """Coordinate and its rate at the start of a record, which the reduced model follows."""
-    solution = fit(model, parts, [record], fixed=True, iterations=25)
-    q, q_dot = (solution.motions[0] if solution.finite else record.motion).start
-    return float(q), float(q_dot)
+        The release is read from them where none is given.
+        """
+        beam = beam_with(self.seen.beam, parts)
+        own = decay.between(record.decay.t[0])
+        if release is None:
+            release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
+        return Moved(simulated(self.seen, beam, record, own, start, release), start, release)
 
 
 def simulated(
@@ -190,16 +177,3 @@ def simulated(
     duration = float(record.t[-1]) + 0.5 * step
     motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)
     return [downsample(x, finer) for x in motion]
-
-
-def calm_from(record: Record, readings: Array) -> float:
-    """Time from which on a simulated beam, seen in the coordinate, follows a record well.
-
-    Modes that are too fast to be read from the sensors ring in the first cycles.
-    """
-    cycles = np.split(readings - record.signal, record.cycles)
-    rms = np.array([np.std(x) for x in cycles[1:-1]])
-    first = 0
-    while first < len(rms) // 4 and rms[first] > _RESTLESS * np.median(rms[first + 1 :][:_NEXT]):
-        first += 1
-    return float(record.decay.t[record.cycles[first] if first else 0])

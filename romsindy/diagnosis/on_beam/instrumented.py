@@ -29,12 +29,6 @@ _MODES = 3  # that are told apart: of what is let go or hit, higher ones move li
 
 _ENERGY = 1e-3  # drift of the energy: 72 dB below the readings where a beam strikes a stop
 _SAMPLES = 16  # per cycle of the first mode, at least
-SIGNALS = ("q", "q_dot", "q_ddot")
-
-
-def signals_of(decay: Decay) -> dict[str, Any]:
-    """Displacement, velocity and acceleration of a decay, as far as it has them, by name."""
-    return {n: getattr(decay, n) for n in SIGNALS if getattr(decay, n) is not None}
 
 
 def projected_modes(n_sensors: int) -> int:
@@ -70,7 +64,7 @@ class InstrumentedBeam:
 
     def decay(self, decay: Decay) -> Decay:
         """What the sensors measured as a decay of the first modal coordinate."""
-        signals: dict[str, Any] = {n: self.coordinate(x) for n, x in signals_of(decay).items()}
+        signals: dict[str, Any] = {n: self.coordinate(x) for n, x in decay.signals.items()}
         return replace(decay, unit=UNIT, **signals)
 
     def thinned(self, decay: Decay) -> Decay:
@@ -82,7 +76,7 @@ class InstrumentedBeam:
         f = self.beam.modes(count=beyond + 1).omega[[0, beyond]] / (2 * np.pi)
         factor = min(np.ceil(0.5 / f[1] / decay.dt), np.floor(1 / (_SAMPLES * f[0]) / decay.dt))
         factor = max(int(factor), 1)
-        signals: dict[str, Any] = {n: downsample(x, factor) for n, x in signals_of(decay).items()}
+        signals: dict[str, Any] = {n: downsample(x, factor) for n, x in decay.signals.items()}
         return replace(decay, t=decay.t[::factor], **signals)
 
     def seen(self, fields: Array) -> Array:
@@ -192,7 +186,7 @@ def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) 
             f"decay {i} reaches {largest:.3g} m, the beam is {length:.3g} m long: if it is in mm,"
             " give Decay(t, 0.001 * q, unit='m')"
         )
-    signals = {n: x.reshape(len(decay.t), -1) for n, x in signals_of(decay).items()}
+    signals = {n: x.reshape(len(decay.t), -1) for n, x in decay.signals.items()}
     return replace(decay, unit="m", **signals)
 
 

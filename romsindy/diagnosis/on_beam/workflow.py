@@ -6,32 +6,23 @@ Rounds simulate the beam, take off what it does beside its reduced model, and lo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.beam.equilibrium import NoEquilibriumError, Shape
-from romsindy.beam.motion import SensorArray, StepTooLongError
+from romsindy.beam.equilibrium import Shape
+from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
-from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
-from romsindy.diagnosis.on_beam.defect import (
-    Corrected,
-    ReleaseLoad,
-    calm_from,
-    corrected,
-    simulated,
-    start_of,
-)
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.on_beam.defect import FAILURES, OnBeam, ReleaseLoad, simulated
 from romsindy.diagnosis.on_beam.instrumented import (
     UNIT,
     InstrumentedBeam,
     checked_readings,
     coarse,
-    signals_of,
 )
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -48,147 +39,46 @@ from romsindy.diagnosis.on_beam.place import (
     moved_to,
     place_now,
 )
-from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
+from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     beam_with,
     directions,
-    on_the_beam,
     position_error,
     position_gains,
 )
-from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.rounds import Outcome, Rounds
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.structure import corrected
+from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
-from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
-FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
-_ROUNDS = 5
-_ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
-_SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
 _CYCLES = 12  # once it is calm: over these the beam is simulated with an effect at several places
 _ORDER = 7
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
-class Outcome(NamedTuple):
-    """What was found, what is on the beam that was simulated, and this.
-
-    Where the beam cannot be simulated with what was found, ``trouble`` says why.
-    """
-
-    report: DiagnosisReport
-    parts: tuple[Part, ...]
-    corrected: list[Corrected]
-    trouble: str = ""
-
-
 @dataclass(eq=False)
-class BeamRounds:
-    """A beam and its reduced model beside records."""
+class BeamRounds(Rounds):
+    """A beam and its reduced model beside records: also where on it an effect acts."""
 
-    seen: InstrumentedBeam
-    model: ReducedModel
-    records: list[Record]  # of the coordinate
-    raw: list[Decay]  # what the sensors measured in each, as fast as they did
-    held_out: bool  # whether the last takes no part
-    # What follows the data; what is looked for beside effects that a beam can have
-    unsure: Sequence[Effect]
-    general: Sequence[Effect]
-    options: Options
-    # How each record started; None is read from the sensors, once
-    releases: list[ReleaseLoad | None]
-    form: FormError = NO_FORM_ERROR  # of the beam, as its reference records show it
-    smooth: list[Record] = field(init=False)  # without what the higher modes add
-    calm: list[float] = field(init=False)  # when fast modes have died, s
-
-    def __post_init__(self) -> None:
-        self.smooth = list(self.records)
-        self.parallel = Parallel(self.options.n_jobs)
+    structure: OnBeam
 
     @property
-    def n_training(self) -> int:
-        """Number of records to learn from."""
-        return len(self.records) - self.held_out
-
-    def begin(self) -> list[Corrected]:
-        """Simulate the beam as it is."""
-        found = self.simulate(())
-        if any(self._depends_on_start(*row) for row in zip(found, self.records, strict=True)):
-            found = self.simulate(())  # from starts that are read without the ringing
-        sensed = [self.seen.coordinate(c.readings) for c in found]
-        self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
-        return found
-
-    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
-        """Whether what was taken off would be another from a start that is read without it.
-
-        Both the beam and its reduced model start there: the defect follows the start in proportion.
-        """
-        smooth = Record.of(found.decay, self.options.floor)
-        q, q_dot = np.subtract(start_of(self.model, (), smooth), found.start)
-        moved = np.hypot(q, q_dot / smooth.rate) / smooth.amplitude
-        defect = np.std(record.signal - found.decay.signal)
-        return bool(moved * defect > _ELSEWHERE * record.noise.std)
-
-    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
-        """Simulate the beam with what was found."""
-        added = " + ".join(p.effect.name for p in parts) or "nothing more"
-        self.options.progress(f"the beam with {added}")
-        rows = zip(self.records, self.raw, self.releases, self.smooth, strict=True)
-        found: list[Corrected] = list(
-            self.parallel(delayed(corrected)(self.seen, self.model, parts, *row) for row in rows)
-        )
-        self.releases = [c.release for c in found]
-        self.smooth = [Record.of(c.decay, self.options.floor) for c in found]
-        return found
-
-    def run(
-        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
-    ) -> Outcome:
-        """Simulate what was found, take the defect off and look again, until nothing changes.
-
-        One effect that closes the gap counts more than several that fit a little better. ``parts``
-        are on the beam that was simulated before.
-        """
-        most, found = 1, before
-        for _ in range(_ROUNDS + 1):
-            report = self._look(effects, found, most)
-            if report.interrupted:
-                return Outcome(report, (), before, "interrupted")
-            if _settled(parts, report):
-                if report.verdict != "unknown" or most == self.options.max_effects:
-                    break
-                most = self.options.max_effects
-                continue
-            parts = on_the_beam(_simulated_of(report).parts)
-            try:
-                found = self.simulate(parts)
-            except FAILURES as error:
-                return Outcome(report, (), before, str(error))
-        return Outcome(report, parts, found)
-
-    def _look(
-        self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
-    ) -> DiagnosisReport:
-        decays = [c.decay.between(start) for c, start in zip(found, self.calm, strict=True)]
-        test = decays[-1] if self.held_out else None
-        chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
-        training = decays[: self.n_training]
-        known = chosen, self.form, False
-        return diagnose_model(self.model, training, test, self.unsure, {}, *known)
+    def seen(self) -> InstrumentedBeam:
+        """The beam with its sensors."""
+        return self.structure.seen
 
     def placed(
         self, found: Outcome, effects_at: Callable[[float], Sequence[Effect]], slack: Latitude
@@ -242,33 +132,6 @@ class BeamRounds:
         return find_place(self.seen, heard, measured, moved, slack)
 
 
-def _simulated_of(report: DiagnosisReport) -> Hypothesis:
-    """The best, or the first that is as good and whose effects can all be simulated."""
-    for rival in report.rivals:
-        if len(on_the_beam(rival.effects)) == len(rival.effects):
-            return rival
-    return report.best
-
-
-def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
-    """Whether the effects that were simulated are those found, within some standard errors.
-
-    Values that the simulation was unsure of count as well.
-    """
-    chosen = _simulated_of(report)
-    errors = np.sqrt(np.diag(chosen.covariance))
-    rows = zip(chosen.parts, chosen.solution.slices(), strict=True)
-    after = {_key(p): (p.values, errors[own]) for p, own in rows if on_the_beam([p])}
-    before = {_key(p): p.values for p in parts}
-    if set(before) != set(after):
-        return False
-    return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())
-
-
-def _key(part: Part) -> tuple[str, str]:
-    return part.effect.name, part.effect.variant
-
-
 def diagnose_beam(
     beam: Beam,
     measured: Sequence[Decay],
@@ -317,9 +180,8 @@ def diagnose_beam(
     try:
         options, form = _known_errors(seen, model, known, start, options)
         starts: list[ReleaseLoad | None] = [start] * len(records)
-        rounds = BeamRounds(
-            seen, model, records, raw, held_out is not None, unsure, general, options, starts, form
-        )
+        given = (raw, held_out is not None, unsure, general, options, starts, form)
+        rounds = BeamRounds(OnBeam(seen), diagnose_model, model, records, *given)
         before = rounds.begin()
     except FAILURES as error:
         raise ValueError(
@@ -332,11 +194,18 @@ def diagnose_beam(
     ]
     slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
-    errors = _sensor_errors(
-        seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
-    )
+    last = decays[-1].between(rounds.calm[-1])
+    errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
-    return BeamReport(found.report, faults, whole, found.parts, errors, found.trouble, place)
+    return BeamReport(
+        reduced=found.report,
+        parts=found.parts,
+        sensor_errors=errors,
+        trouble=found.trouble,
+        faults=faults,
+        seen=whole,
+        place=place,
+    )
 
 
 def _known_errors(
@@ -352,7 +221,7 @@ def _known_errors(
     there = []
     for raw in references:
         record = Record.loud(seen.decay(seen.thinned(raw)), options.floor)
-        there.append(corrected(seen, model, (), record, raw, release).decay)
+        there.append(corrected(OnBeam(seen), model, (), record, raw, release, record).decay)
     left, form = of_references(model, there, options.floor)
     return replace(options, tolerance=options.tolerance.or_more(left)), form
 
@@ -378,7 +247,7 @@ def _with_right_sensors(
 
 
 def _channels(decay: Decay, kept: Sequence[int]) -> Decay:
-    return replace(decay, **{n: x[:, kept] for n, x in signals_of(decay).items()})
+    return replace(decay, **{n: x[:, kept] for n, x in decay.signals.items()})
 
 
 def _effects(
@@ -416,18 +285,6 @@ def _within_tolerances(
         found.append(position_error(seen, near["sensor_positions"]))
     deviations = np.array([near[p.name] for p in alike])
     return found + list(directions(model, records, alike, deviations) if alike else ())
-
-
-def _sensor_errors(
-    seen: InstrumentedBeam, decay: Decay, both: Sequence[Corrected]
-) -> tuple[SensorError, ...]:
-    """Every sensor against the beam before and after, in one record."""
-    readings = decay.between(end=both[0].decay.t[-1]).signal
-    noise = np.array([noise_std(y) for y in readings.T])
-    left = [readings - c.readings[-len(readings) :] for c in both]
-    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
-    told = before / noise, after / noise, after / np.std(readings, axis=0)
-    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *told, strict=True))
 
 
 def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:

@@ -1,0 +1,127 @@
+"""What a diagnosis of a user's own simulator found, in words, tables and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.on_simulator.effects import ValueEffect
+from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.structure_report import StructureReport
+from romsindy.simulator.force import LawForce
+from romsindy.text import left_over, listed, percent
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class SimulatorReport(StructureReport):
+    """What a user's own simulator lacks: a `StructureReport` with more.
+
+    Attributes
+    ----------
+    seen : OnSimulator
+        The simulator as it was, with all that it computed.
+    missed : float
+        What its equation of one coordinate leaves of it, rms over the largest amplitude: it was
+        taken off.
+    """
+
+    seen: OnSimulator
+    missed: float
+
+    @cached_property
+    def force(self) -> LawForce | None:
+        """What was added at the point of its force: a function of t, x and v; None where nothing.
+
+        ``force.code("m")`` is the same in MATLAB, "py" in Python, "c" in C and "mo" in Modelica.
+        """
+        return self.seen.force(self.parts)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the simulator, those that were found changed."""
+        return self.seen.values_with(self.parts)
+
+    @property
+    def recipe(self) -> str:
+        """What makes the improved simulator: values, and the force in Python."""
+        lines = [f"{name} = {value:.6g}" for name, value in self._changed.items()]
+        if self.force is not None:
+            lines.append(f"force(t, x, v) = {self.force}")
+        lines += [f"not in the simulator: {label}" for label in self.not_there]
+        if not lines or self.not_there:
+            lines.append(f"equation: {self.reduced.model}")
+        return "\n".join(lines)
+
+    @property
+    def _changed(self) -> dict[str, float]:
+        """Values that were found changed."""
+        names = {p.effect.value_name for p in self.parts if isinstance(p.effect, ValueEffect)}
+        return {name: value for name, value in self.values.items() if name in names}
+
+    @property
+    def _within(self) -> list[tuple[str, float, float, float]]:
+        """Values that moved within their tolerances: name, as assumed, as found, its error."""
+        best, found = self.reduced.best, []
+        for part, own in zip(best.parts, best.solution.slices(), strict=True):
+            effect, change = part.effect, float(part.strengths[0, 0])
+            error = float(np.sqrt(best.covariance[own.start, own.start]))
+            if isinstance(effect, ValueEffect) and effect.tolerance and abs(change) > 2 * error:
+                found.append((effect.name, effect.assumed, effect.assumed + change, error))
+        return found
+
+    @property
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed."""
+        return self.reduced.next_test
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words, what was done to the simulator last."""
+        name = self.seen.simulator.name
+        lines = [*self.reduced.lines(self._left), self._asked]
+        if self.trouble:
+            lines.append(f"With this the simulator gave no motion: {self.trouble}.")
+        added = [f"{k} = {v:.6g}" for k, v in self._changed.items()]
+        if self.force is not None:
+            added.append(f"the force {self.force}")
+        lines += [
+            f"Within its tolerance {name} is {value:.6g} +- {error:.2g} (assumed {assumed:.6g})."
+            for name, assumed, value, error in self._within
+        ]
+        if added and self.sensor_errors:
+            worst = max(self.sensor_errors, key=lambda e: e.after)
+            lines.append(
+                f"Added to {name}: {listed(added)}. Its own error in {worst.label} goes from"
+                f" {worst.before:.3g} times the noise to {left_over(worst.part, worst.after)}."
+            )
+        if self.not_there and not self.trouble:
+            why = "it takes no force" if self.seen.scale is None else "no force of t, x, v is that"
+            lines.append(
+                f"Not added to {name}: {listed(self.not_there)} ({why}); the equation of its"
+                " coordinate stands for it."
+            )
+        return "\n".join(lines)
+
+    @property
+    def _asked(self) -> str:
+        """What the simulator was asked for."""
+        releases = [abs(r) for r, _ in self.seen.released]
+        unit = self.reduced.nominal.unit or "[q]"
+        return (
+            f"Simulator: {len(self.seen.simulator.computed)} decays from {min(releases):.3g} to"
+            f" {max(releases):.3g} {unit}; its equation of one coordinate leaves"
+            f" {percent(self.missed)} of the amplitude, which was taken off."
+        )
+
+    def _content(self) -> dict[str, Any]:
+        return {
+            **super()._content(),
+            "missed": self.missed,
+            "values": self.values,
+            "force": None if self.force is None else f"{self.force}",
+            "releases": [list(pair) for pair in self.seen.released],
+        }

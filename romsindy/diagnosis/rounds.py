@@ -1,0 +1,167 @@
+"""Rounds of a diagnosis on a structure that is simulated: a beam, or a user's own simulator.
+
+Evidence is that of an equation of one coordinate. What the structure does beside its equation is
+simulated with what was found, and taken off, until the findings stay: they are then fitted to the
+structure itself (defect correction).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of
+from romsindy.effects.base import Effect
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+
+_ROUNDS = 5
+_ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
+_SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
+
+
+class Outcome(NamedTuple):
+    """What was found, what is on the structure that was simulated, and this.
+
+    Where the structure cannot be simulated with what was found, ``trouble`` says why.
+    """
+
+    report: DiagnosisReport
+    parts: tuple[Part, ...]
+    corrected: list[Corrected]
+    trouble: str = ""
+
+
+@dataclass(eq=False)
+class Rounds:
+    """A structure and its equation beside records."""
+
+    structure: Any  # a `SimulatedStructure`
+    look: Callable[..., DiagnosisReport]  # at decays of the coordinate: `diagnose_model`
+    model: ReducedModel
+    records: list[Record]  # of the coordinate
+    raw: list[Decay]  # what the sensors measured in each, as fast as they did
+    held_out: bool  # whether the last takes no part
+    # What follows the data; what is looked for beside effects that it can have
+    unsure: Sequence[Effect]
+    general: Sequence[Effect]
+    options: Options
+    # How each record started; None is found
+    releases: list[Any]
+    form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
+    smooth: list[Record] = field(init=False)  # without what the higher modes add
+    calm: list[float] = field(init=False)  # when fast modes have died, s
+
+    def __post_init__(self) -> None:
+        self.smooth = list(self.records)
+        self.parallel = Parallel(self.options.n_jobs if self.structure.apart else 1)
+
+    @property
+    def n_training(self) -> int:
+        """Number of records to learn from."""
+        return len(self.records) - self.held_out
+
+    def begin(self) -> list[Corrected]:
+        """Simulate the structure as it is."""
+        found = self.simulate(())
+        if any(self._depends_on_start(*row) for row in zip(found, self.records, strict=True)):
+            found = self.simulate(())  # from starts that are read without the ringing
+        sensed = [self.structure.coordinate(c.readings) for c in found]
+        self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
+        return found
+
+    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
+        """Whether what was taken off would be another from a start that is read without it.
+
+        Both the structure and its equation start there: the defect follows the start in proportion.
+        """
+        smooth = Record.of(found.decay, self.options.floor)
+        q, q_dot = np.subtract(self.structure.start(self.model, (), smooth), found.start)
+        moved = np.hypot(q, q_dot / smooth.rate) / smooth.amplitude
+        defect = np.std(record.signal - found.decay.signal)
+        return bool(moved * defect > _ELSEWHERE * record.noise.std)
+
+    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
+        """Simulate the structure with what was found."""
+        added = " + ".join(p.effect.name for p in parts) or "nothing more"
+        self.options.progress(f"{self.structure.what} with {added}")
+        rows = zip(self.records, self.raw, self.releases, self.smooth, strict=True)
+        tasks = (delayed(corrected)(self.structure, self.model, parts, *row) for row in rows)
+        found: list[Corrected] = list(self.parallel(tasks))
+        self.releases = [c.release for c in found]
+        self.smooth = [Record.of(c.decay, self.options.floor) for c in found]
+        return found
+
+    def run(
+        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
+    ) -> Outcome:
+        """Simulate what was found, take the defect off and look again, until nothing changes.
+
+        One effect that closes the gap counts more than several that fit a little better. ``parts``
+        are on the structure that was simulated before.
+        """
+        most, found = 1, before
+        for _ in range(_ROUNDS + 1):
+            report = self._look(effects, found, most)
+            if report.interrupted:
+                return Outcome(report, (), before, "interrupted")
+            if self._settled(parts, report):
+                if report.verdict != "unknown" or most == self.options.max_effects:
+                    break
+                most = self.options.max_effects
+                continue
+            parts = self.next_parts(parts, self._simulated_of(report).parts)
+            try:
+                found = self.simulate(parts)
+            except self.structure.failures as error:
+                return Outcome(report, (), before, str(error))
+        return Outcome(report, parts, found)
+
+    def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
+        """What stands in the equation for parts that are on the structure."""
+        return parts
+
+    def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
+        """What is put on the structure next, where ``parts`` are and some were ``found``."""
+        return self.structure.with_effects(found)
+
+    def _look(
+        self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
+    ) -> DiagnosisReport:
+        decays = [c.decay.between(start) for c, start in zip(found, self.calm, strict=True)]
+        test = decays[-1] if self.held_out else None
+        chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
+        training = decays[: self.n_training]
+        known = chosen, self.form, False
+        return self.look(self.model, training, test, self.unsure, {}, *known)
+
+    def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
+        """The best, or the first that is as good and whose effects can all be simulated."""
+        for rival in report.rivals:
+            if len(self.structure.with_effects(rival.effects)) == len(rival.effects):
+                return rival
+        return report.best
+
+    def _settled(self, parts: Sequence[Part], report: DiagnosisReport) -> bool:
+        """Whether the effects that were simulated are those found, within some standard errors.
+
+        Values that the simulation was unsure of count as well.
+        """
+        chosen = self._simulated_of(report)
+        errors = np.sqrt(np.diag(chosen.covariance))
+        rows = zip(chosen.parts, chosen.solution.slices(), strict=True)
+        there = [(p, own) for p, own in rows if self.structure.with_effects([p])]
+        after = {key_of(p): (p.values, errors[own]) for p, own in there}
+        before = {key_of(p): p.values for p in self.in_equation(parts)}
+        if set(before) != set(after):
+            return False
+        return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())

@@ -1,0 +1,140 @@
+"""A structure that a diagnosis simulates beside its equation: a beam, or a user's own simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from romsindy.fit.kernel.collocation import integrate
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.linear_response import sampled
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import SIGNALS, Decay
+from romsindy.typing import Array
+
+# A cycle is left out that differs by so many times the median of so many later ones.
+_RESTLESS, _NEXT = 1.3, 8
+
+
+class Moved(NamedTuple):
+    """A simulated motion over a record."""
+
+    readings: Sequence[Array]  # displacements, velocities, accelerations, (n, n_sensors) each
+    start: tuple[float, float]  # coordinate and its rate, as they were simulated
+    release: Any  # what is known of the start from now on
+
+
+class Corrected(NamedTuple):
+    """A decay without the defect, what the sensors of the structure in it read, and its release."""
+
+    decay: Decay
+    readings: Array  # (n, n_sensors), in what was measured
+    start: tuple[float, float]  # coordinate and its rate
+    release: Any
+
+
+class SimulatedStructure(Protocol):
+    """What is simulated beside its equation of one coordinate."""
+
+    @property
+    def what(self) -> str:
+        """What progress calls it."""
+
+    @property
+    def failures(self) -> tuple[type[Exception], ...]:
+        """What is raised where it cannot be simulated."""
+
+    @property
+    def apart(self) -> bool:
+        """Whether records may be simulated in processes of their own."""
+
+    def coordinate(self, displacements: Array) -> Array:
+        """The coordinate of its equation, (...,), from sensors (..., n_sensors)."""
+
+    def with_effects(self, parts: Sequence[Part]) -> tuple[Part, ...]:
+        """Parts that can be on it, and are there."""
+
+    def start(
+        self, model: ReducedModel, parts: Sequence[Part], record: Record
+    ) -> tuple[float, float]:
+        """Coordinate and its rate at the start of a record."""
+
+    def moved(
+        self,
+        equation: ExtendedEquation,
+        parts: Sequence[Part],
+        record: Record,
+        decay: Decay,
+        start: tuple[float, float],
+        release: Any,
+    ) -> Moved:
+        """Simulate it with some parts from a state of the coordinate, over a record.
+
+        ``equation`` is that of the coordinate with the same parts, ``decay`` what all sensors
+        measured in the record, ``release`` what was found before, or None.
+        """
+
+
+def corrected(
+    structure: SimulatedStructure,
+    model: ReducedModel,
+    parts: Sequence[Part],
+    record: Record,
+    decay: Decay,
+    release: Any,
+    smooth: Record,
+) -> Corrected:
+    """Simulate a structure and its equation, both with the parts that it can have.
+
+    Only the coordinate and its rate at the start are fitted: to the record of the coordinate, or to
+    one that was corrected before, ``smooth``, from which higher modes are gone. The decay holds
+    what all sensors measured, as fast as they did.
+    """
+    parts = structure.with_effects(parts)
+    equation = equation_of(model, parts, 0, record)
+    start = structure.start(model, parts, smooth)
+    moved, start, release = structure.moved(equation, parts, record, decay, start, release)
+    reduced = integrate(equation, np.array(start), record.motion.grid)
+    signals: dict[str, Any] = {}
+    for name, measured in record.decay.signals.items():
+        order = SIGNALS.index(name)
+        beside = structure.coordinate(moved[order]) - sampled(reduced, order)[:, 0]
+        signals[name] = measured - beside
+    own = replace(record.decay, **signals)
+    return Corrected(own, moved[record.derivative], start, release)
+
+
+def key_of(part: Part) -> tuple[str, str]:
+    """What tells parts of a hypothesis apart."""
+    return part.effect.name, part.effect.variant
+
+
+def start_of(
+    model: ReducedModel, parts: Sequence[Part], record: Record, *, fixed: bool = True
+) -> tuple[float, float]:
+    """Coordinate and its rate at the start of a record, which the equation follows.
+
+    Unless they are ``fixed``, values of the parts follow the record as well.
+    """
+    solution = fit(model, parts, [record], fixed=fixed, iterations=25)
+    q, q_dot = (solution.motions[0] if solution.finite else record.motion).start
+    return float(q), float(q_dot)
+
+
+def calm_from(record: Record, readings: Array) -> float:
+    """Time from which on a simulated beam, seen in the coordinate, follows a record well.
+
+    Modes that are too fast to be read from the sensors ring in the first cycles.
+    """
+    cycles = np.split(readings - record.signal, record.cycles)
+    rms = np.array([np.std(x) for x in cycles[1:-1]])
+    first = 0
+    while first < len(rms) // 4 and rms[first] > _RESTLESS * np.median(rms[first + 1 :][:_NEXT]):
+        first += 1
+    return float(record.decay.t[record.cycles[first] if first else 0])

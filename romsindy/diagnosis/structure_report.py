@@ -1,0 +1,157 @@
+"""What reports on structures share: a beam, or a user's own simulator, seen through sensors."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from romsindy.diagnosis import words
+from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.structure import Corrected
+from romsindy.diagnosis.written import Written
+from romsindy.fit.kernel.part import Part
+from romsindy.record.decay import Decay
+from romsindy.record.spectrum import noise_std
+from romsindy.text import TextTable
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
+
+_SIDES = ("before", "after", "part")
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """Rms of measured minus simulated displacement, over the noise, of one sensor."""
+
+    label: str
+    before: float
+    after: float
+    part: float  # the rms afterwards, as a part of that of the response
+
+
+def sensor_errors(
+    labels: Sequence[str], decay: Decay, both: Sequence[Corrected]
+) -> tuple[SensorError, ...]:
+    """Every sensor against the structure before and after, in one record."""
+    readings = decay.between(end=both[0].decay.t[-1]).signal.reshape(-1, len(labels))
+    noise = np.array([noise_std(y) for y in readings.T])
+    left = [readings - c.readings[-len(readings) :] for c in both]
+    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
+    told = before / noise, after / noise, after / np.std(readings, axis=0)
+    return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class StructureReport(Written):
+    """What a structure lacks: in its coordinate, and on the structure itself.
+
+    Attributes
+    ----------
+    reduced : DiagnosisReport
+        In the coordinate of the first mode, after what the structure does beside its equation was
+        taken off.
+    parts : tuple of Part
+        Effects that were simulated on the structure.
+    sensor_errors : tuple of SensorError
+        On the record that was held out, or the last: the structure before and after.
+    trouble : str
+        Why the structure could not be simulated with what was found; empty where it could.
+    """
+
+    reduced: Any
+    parts: tuple[Part, ...]
+    sensor_errors: tuple[SensorError, ...]
+    trouble: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """As of the equation; "unknown" where it could not be simulated with what was found."""
+        return "unknown" if self.trouble else self.reduced.verdict
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects of the best hypothesis; strengths are those on the structure."""
+        return self.reduced.effects
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what is missing."""
+        return self.reduced.best.names
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        return self.reduced.equivalent
+
+    @property
+    @abstractmethod
+    def recipe(self) -> str:
+        """What makes the improved structure of the one that was."""
+
+    @property
+    def not_there(self) -> tuple[str, ...]:
+        """Effects of the best hypothesis that nothing on the structure stands for."""
+        there = {p.effect.name for p in self.parts}
+        return tuple(e.label for e in self.effects if e.name not in there)
+
+    @property
+    def gap(self) -> Gap:
+        """Before and after, in the coordinate of the first mode, on what took no part."""
+        return self.reduced.gap
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was stopped before its end."""
+        return self.reduced.interrupted
+
+    @property
+    def _left(self) -> str:
+        """What is left over all sensors, the worst of them by name."""
+        gap, kind = self.gap, self.reduced.left
+        known = [e for e in self.sensor_errors if np.isfinite(e.after)]
+        if not known:
+            return words.remainder(gap, kind)
+        worst = max(known, key=lambda e: e.after)
+        return words.over_sensors(gap, kind, worst.label, worst.part, worst.after)
+
+    def table(self) -> list[list[str]]:
+        return self.reduced.table()
+
+    def sensor_table(self) -> list[list[str]]:
+        """Rows of text: error over noise of every sensor, before and after."""
+        rows = [[e.label, f"{e.before:.3g}", f"{e.after:.3g}"] for e in self.sensor_errors]
+        return [["sensor: error over noise", "before", "after"], *rows]
+
+    def _content(self) -> dict[str, Any]:
+        content = json.loads(self.reduced.to_json())
+        content |= {"verdict": self.verdict, "sentence": self.sentence}
+        content["sensors"] = [vars(e) for e in self.sensor_errors]
+        return content
+
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
+        from romsindy.diagnosis.pictures import by
+
+        errors = [np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES]
+        sensors = by("sensor", [e.label for e in self.sensor_errors], *errors)
+        return {**self.reduced.pictures(), sensors.name: sensors}
+
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures, with a table of the sensors."""
+        page = self.reduced.page()
+        gap, *explanations = page["tables"]
+        own = {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "formula": [],
+            "equation": self.recipe,
+            "equation_note": "",
+            "tables": [gap, TextTable("Sensors", self.sensor_table()), *explanations],
+        }
+        return page | own

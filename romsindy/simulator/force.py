@@ -1,0 +1,95 @@
+"""What a simulator lacks as a force for it: a function, and the same law as code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from romsindy.physics.export import exact, sympy_module, traced
+from romsindy.physics.term import Term
+from romsindy.text import listed
+
+LANGUAGES = {"py": "Python", "m": "MATLAB", "c": "C", "mo": "Modelica"}
+_MATTERS = 2e-3  # of the largest of the laws, in text
+_FRAMES = {
+    "py": "import math\n\n\ndef force(t, x, v):\n    return {}\n",
+    "m": "function f = force(t, x, v)\nf = {};\nend\n",
+    "c": (
+        "#include <math.h>\n\ndouble force(double t, double x, double v)\n{{\n    return {};\n}}\n"
+    ),
+    "mo": (
+        "function force\n  input Real t;\n  input Real x;\n  input Real v;\n  output Real f;\n"
+        "algorithm\n  f := {};\nend force;\n"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class LawForce:
+    """Laws of the coordinate q of an equation as a force on a point: f(t, x, v).
+
+    The point moves by x = ``per_q`` q, and a force of 1 on it accelerates q by ``per_q`` over the
+    modal ``mass``; all laws with their coefficients stand on the left side of the equation. It is
+    for displacements and velocities of the point up to ``reach``.
+    """
+
+    laws: tuple[tuple[Term, float], ...]
+    mass: float
+    per_q: float = 1.0
+    reach: tuple[float, float] = (1.0, 1.0)
+
+    def __call__(self, t: float, x: float, v: float) -> float:
+        """The force at a displacement and a velocity of the point."""
+        q, q_dot = float(x) / self.per_q, float(v) / self.per_q
+        total = sum(c * law.strong(q, q_dot, 0.0) for law, c in self.laws)
+        return -self.mass / self.per_q * float(total)
+
+    def __str__(self) -> str:
+        """The force as text, of x and v, without what is too small to matter within ``reach``."""
+        q, q_dot = (n if self.per_q == 1 else f"({n}/{self.per_q:.4g})" for n in "xv")
+        at, rate = (x / self.per_q for x in self.reach)
+        sizes = [abs(c * law.strong(at, rate, 0.0)) for law, c in self.laws]
+        terms = [
+            f"{-self.mass / self.per_q * c:.5g} {law.expression(q, q_dot, '')}"
+            for (law, c), size in zip(self.laws, sizes, strict=True)
+            if size >= _MATTERS * max(sizes)
+        ]
+        return " + ".join(terms).replace("+ -", "- ") or "0"
+
+    def expression(self) -> Any:
+        """The force as an expression of sympy, of the symbols x and v."""
+        sympy = sympy_module()
+        x, v = (sympy.Symbol(n, real=True) for n in "xv")
+        total = sympy.Integer(0)
+        for law, c in self.laws:
+            total += c * traced(law, x / self.per_q, v / self.per_q)[1]
+        return exact(sympy.simplify(-self.mass / self.per_q * total))
+
+    def code(self, language: str) -> str:
+        """The function ``force`` of t, x and v in "py", "m", "c" or "mo" (Modelica).
+
+        Raises a ValueError for another language, if sympy is not installed, or for a law of one's
+        own that sympy has no word for.
+        """
+        if language not in LANGUAGES:
+            raise ValueError(f"language = {language!r} must be one of {listed([*LANGUAGES])}")
+        sympy = sympy_module()
+        printers: dict[str, Callable[[Any], str]] = {
+            "py": sympy.pycode,
+            "m": sympy.octave_code,
+            "c": sympy.ccode,
+            "mo": _modelica,
+        }
+        return _FRAMES[language].format(printers[language](self.expression()))
+
+
+NO_FORCE = LawForce((), 1.0)
+
+
+def _modelica(expression: Any) -> str:
+    """Modelica writes as sympy does, but for powers and names of functions."""
+    text = str(sympy_module().sstr(expression))
+    for own, theirs in (("**", "^"), ("Max", "max"), ("Min", "min"), ("Abs", "abs")):
+        text = text.replace(own, theirs)
+    return text

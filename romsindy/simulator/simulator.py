@@ -1,0 +1,269 @@
+"""What a user's own simulator is asked, and what came: free decays after a release.
+
+A release is one number: the displacement of the first sensor from its equilibrium, in the unit of
+the records, from which the structure is let go at rest. The simulator answers with displacements of
+all sensors from the equilibrium at given times. How it bends the structure until it is let go, and
+what else it simulates, is its own affair.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from romsindy.typing import Array
+
+# Of t (s), displacement and velocity of the point at which the simulator adds it.
+Force = Callable[[float, float, float], float]
+
+_FINE = 60  # samples per cycle that are asked for, at least: what lies between is a spline
+_SPLINE = 5
+_OTHER_SCALE = 2.0  # times the release: beyond it the first sensor cannot have been let go there
+_SAME = 1e-3  # of the largest displacement: what two equal questions may differ by
+_ASKED_TWICE = 200  # samples of the question that is asked twice
+
+
+class SimulatorError(ValueError):
+    """A simulator that gave no motion: what was asked, what came, and what to do."""
+
+
+@dataclass(frozen=True)
+class SimulatedDecay:
+    """One simulated decay.
+
+    Attributes
+    ----------
+    release : float
+        What was asked, unit of the records.
+    values : dict of str to float
+        Values of the simulator that were asked for, where they are not its own.
+    forced : bool
+        Whether a force was added.
+    t : (n,) array
+        s, from the release on.
+    displacements : (n, n_sensors) array
+    """
+
+    release: float
+    values: Mapping[str, float]
+    forced: bool
+    t: Array
+    displacements: Array
+
+    def at(self, t: Array, derivative: int = 0) -> Array:
+        """Displacements, or their derivatives, at times within (s), (m, n_sensors)."""
+        return np.asarray(self._spline(t, nu=derivative))
+
+    @cached_property
+    def _spline(self) -> Any:
+        return make_interp_spline(self.t, self.displacements, k=_SPLINE)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulator:
+    """A simulator of free decays, and all that it has computed.
+
+    Parameters
+    ----------
+    simulate : callable
+        ``simulate(release, t)`` gives displacements (n,) or (n, n_sensors) at the times t (n,), s,
+        of equal steps from 0; ``simulate(release, t, force)`` where a force can be added at a
+        point: a function of time, and of displacement and velocity of that point. Values that
+        ``parameters`` of `diagnose` name are keywords.
+    name : str
+        What messages call it.
+    computed : list of SimulatedDecay
+        It grows, and is kept whatever fails: a question is asked once.
+    """
+
+    simulate: Callable[..., Any]
+    name: str
+    computed: list[SimulatedDecay] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, given: Any) -> Simulator:
+        """The simulator that a function, or an object with a method ``simulate``, stands for.
+
+        Raises a ValueError for arguments that it cannot be asked with.
+        """
+        if isinstance(given, Simulator):
+            return given
+        simulate = given if inspect.isroutine(given) else getattr(given, "simulate", given)
+        name = getattr(given, "__name__", "") or type(given).__name__
+        found = cls(simulate, name)
+        known = found._arguments
+        if known is not None and len(known) < 2:
+            raise ValueError(
+                f"the simulator {name} takes {_listed(known)}: give a function"
+                " simulate(release, t), or simulate(release, t, force)"
+            )
+        return found
+
+    @cached_property
+    def _arguments(self) -> tuple[str, ...] | None:
+        """Names of what it takes; None where Python does not know."""
+        try:
+            return tuple(inspect.signature(self.simulate).parameters)
+        except (TypeError, ValueError):
+            return None
+
+    @property
+    def takes_force(self) -> bool:
+        """Whether a force can be added."""
+        own = getattr(self.simulate, "__self__", None)
+        return bool(getattr(own, "takes_force", "force" in (self._arguments or ())))
+
+    def check_values(self, names: Sequence[str]) -> None:
+        """Raise a ValueError for a value that it does not take."""
+        own = getattr(self.simulate, "__self__", None)
+        known = getattr(own, "parameters", self._arguments)
+        if known is None or any(k.startswith("**") for k in known):
+            return
+        free = [k for k in known if k not in ("release", "t", "force")]
+        for name in names:
+            if name not in free and not self._takes_any:
+                raise ValueError(
+                    f"parameters name {name!r}, and the simulator {self.name} takes"
+                    f" {_listed(free)} beside release and t: give it a keyword of that name"
+                )
+
+    @property
+    def _takes_any(self) -> bool:
+        try:
+            known = inspect.signature(self.simulate).parameters.values()
+        except (TypeError, ValueError):
+            return True
+        return any(p.kind is p.VAR_KEYWORD for p in known)
+
+    def decay(
+        self,
+        release: float,
+        t: Array,
+        n_sensors: int,
+        force: Force | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> SimulatedDecay:
+        """What the simulator gives for a release, at times t (n,).
+
+        Raises a SimulatorError where it gives nothing, other than displacements of ``n_sensors``
+        sensors, or another release.
+        """
+        values = dict(values or {})
+        for known in self.computed if force is None else ():
+            same = (known.release, known.values, known.forced) == (release, values, False)
+            # A longer answer to the same question holds the shorter one.
+            if same and len(known.t) >= len(t) and np.array_equal(known.t[: len(t)], t):
+                return SimulatedDecay(release, values, False, t, known.displacements[: len(t)])
+        x = self._asked(release, t, n_sensors, force, values)
+        answer = SimulatedDecay(release, values, force is not None, t, x)
+        self.computed.append(answer)
+        return answer
+
+    def _asked(
+        self,
+        release: float,
+        t: Array,
+        n_sensors: int,
+        force: Force | None,
+        values: Mapping[str, float],
+    ) -> Array:
+        """Displacements (n, n_sensors), checked."""
+        asked = self._question(release, t, values)
+        known = values if force is None else {**values, "force": force}
+        try:
+            given = self.simulate(release, t.copy(), **known)
+        except SimulatorError:
+            raise
+        except Exception as error:  # whatever a user's own code raises is told with what was asked
+            raise SimulatorError(
+                f"{asked} it raised {type(error).__name__}: {error}. Call it so yourself to see"
+                " where; what was computed before is kept"
+            ) from error
+        try:
+            x = np.asarray(given, float)
+        except (TypeError, ValueError) as error:
+            raise SimulatorError(
+                f"{asked} it gave a {type(given).__name__}, which is no array of numbers ({error}):"
+                " return displacements (n, n_sensors)"
+            ) from error
+        x = x[:, None] if x.ndim == 1 else x
+        if x.shape != (len(t), n_sensors):
+            raise SimulatorError(
+                f"{asked} it gave an array of shape {np.shape(given)}: return one row for each of"
+                f" the {len(t)} times, and one column for each of the {n_sensors} channels of the"
+                " records"
+            )
+        if not np.all(np.isfinite(x)):
+            first = float(t[int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])])
+            raise SimulatorError(
+                f"{asked} it gave NaN or infinity from {first:.4g} s on: take smaller steps in"
+                " it, or a tighter tolerance of its solver"
+            )
+        self._check_release(asked, release, x)
+        return x
+
+    def _check_release(self, asked: str, release: float, x: Array) -> None:
+        """Refuse a motion that does not begin at its release."""
+        first, largest = float(x[0, 0]), float(np.abs(x[:, 0]).max())
+        if largest == 0:
+            raise SimulatorError(f"{asked} nothing moves: let the structure go from the release")
+        ratio = first / release
+        if 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
+            return
+        if 1 / _OTHER_SCALE < -ratio < _OTHER_SCALE:
+            raise SimulatorError(
+                f"{asked} the first sensor begins at {first:.4g}: of the other sign; turn the sign"
+                " of what it gives, or of the records"
+            )
+        raise SimulatorError(
+            f"{asked} the first sensor begins at {first:.4g}, {abs(ratio):.3g} times the release"
+            f" (largest {largest:.4g}): a release is the displacement of the first sensor at t ="
+            " 0, from the equilibrium and in the unit of the records; check units (mm and m) and"
+            " the order of the channels"
+        )
+
+    def _question(self, release: float, t: Array, values: Mapping[str, float]) -> str:
+        """What was asked, as messages begin."""
+        own = "".join(f", {name} = {value:.6g}" for name, value in values.items())
+        return (
+            f"simulator {self.name}, release = {release:.6g}{own}, t = 0 to {t[-1]:.6g} s in"
+            f" {len(t)} times:"
+        )
+
+    def check_again(
+        self, release: float, t: Array, n_sensors: int, values: Mapping[str, float]
+    ) -> None:
+        """Ask the beginning of a decay a second time.
+
+        Raises a SimulatorError if another motion comes.
+        """
+        part = t[:_ASKED_TWICE]
+        first = self.decay(release, t, n_sensors, values=values).displacements[: len(part)]
+        again = self._asked(release, part, n_sensors, None, values)
+        apart = float(np.abs(first - again).max())
+        if apart > _SAME * float(np.abs(first).max()):
+            raise SimulatorError(
+                f"{self._question(release, part, values)} asked twice, the answers are {apart:.3g}"
+                " apart: a simulator must give the same each time; take noise and random numbers"
+                " out of it, or fix their seed"
+            )
+
+
+def times(duration: float, step: float, frequency: float) -> Array:
+    """Times (n,) of equal steps from 0 beyond a duration (s), fine enough for a spline.
+
+    ``step`` (s) is that of the records, ``frequency`` (rad/s) that of the vibration.
+    """
+    parts = max(int(np.ceil(step * _FINE * frequency / (2 * np.pi))), 1)
+    n = int(np.ceil(duration * parts / step)) + _SPLINE + 1
+    return step / parts * np.arange(n)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "nothing"

@@ -1,0 +1,276 @@
+"""A user's own simulator: what is asked, what is refused, and what is put into it.
+
+The oracle is the simulator itself with a law hidden in it, integrated by scipy: the force that is
+found must be that law, in newtons, and the simulator with it must come down to the noise.
+"""
+
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import romsindy as rs
+from romsindy.diagnosis.on_simulator.seen import turning_point
+from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop
+from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.simulator import Program, Simulator, SimulatorError
+from romsindy.simulator.force import LANGUAGES, LawForce
+from romsindy.simulator.simulator import times
+
+MASS, DAMPING, STIFFNESS, CUBIC = 0.35, 0.05, 80.0, 4e4  # kg, N s/m, N/m, N/m^3
+FRICTION = 0.01  # N
+T = np.arange(2400) / 200
+
+
+def motion(release, t, force, stiffness=STIFFNESS):
+    def rates(s, y):
+        push = -DAMPING * y[1] - stiffness * y[0] - CUBIC * y[0] ** 3 + force(s, *y)
+        return [y[1], push / MASS]
+
+    span = (0.0, t[-1])
+    return solve_ivp(rates, span, [release, 0.0], t_eval=t, rtol=1e-8, atol=1e-11).y[0]
+
+
+def nothing(t, x, v):
+    return 0.0
+
+
+def simulate(release, t, force=nothing, k=STIFFNESS):
+    return motion(release, t, force, k)
+
+
+def record(release, seed, force=nothing, k=STIFFNESS, t=T):
+    x = motion(release, t, force, k)
+    noise = 0.01 * np.std(x) * np.random.default_rng(seed).standard_normal(len(x))
+    return rs.Decay(t, x + noise, unit="m")
+
+
+# -- what is asked and refused ---------------------------------------------------------------------
+
+
+def wrong(kind):
+    def simulator(release, t):
+        x = motion(release, t, nothing)
+        if kind == "raises":
+            return 1 / 0
+        return {
+            "length": x[:-1],
+            "NaN": np.where(t > 3, np.nan, x),
+            "millimetres": 1000 * x,
+            "sign": -x,
+            "words": "no numbers",
+            "still": 0 * x,
+            "noise": x + 0.01 * np.random.default_rng().standard_normal(len(x)),
+        }[kind]
+
+    return simulator
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("raises", "release = .*: it raised ZeroDivisionError: division by zero"),
+        ("length", "shape .*: return one row for each of the .* times"),
+        ("NaN", "NaN or infinity from 3.* s on"),
+        ("millimetres", r"1e\+03 times the release .*check units \(mm and m\)"),
+        ("sign", "of the other sign"),
+        ("words", "which is no array of numbers"),
+        ("still", "nothing moves"),
+        ("noise", "asked twice, the answers are .* apart: .*fix their seed"),
+    ],
+)
+def test_a_simulator_that_gives_no_motion_is_refused_by_name(kind, message):
+    with pytest.raises(SimulatorError, match=f"simulator simulator, .*{message}"):
+        rs.diagnose(wrong(kind), record(0.03, 0))
+
+
+def test_what_was_computed_is_kept():
+    asked = []
+
+    def fails_at_last(release, t):
+        asked.append(release)
+        if len(asked) > 3:
+            raise RuntimeError("the licence has ended")
+        return motion(release, t, nothing)
+
+    kept = Simulator.of(fails_at_last)
+    with pytest.raises(SimulatorError, match=r"licence has ended.*what was computed before"):
+        rs.diagnose(kept, [record(0.03, 0), record(0.015, 1)])
+    assert [d.release for d in kept.computed] == [asked[0], asked[2]]  # the second was the repeat
+    again = kept.decay(asked[0], kept.computed[0].t[:50], 1)
+    assert np.array_equal(again.displacements, kept.computed[0].displacements[:50])
+    assert len(asked) == 4  # it was not asked again
+
+
+def test_arguments_that_do_not_belong_are_refused():
+    with pytest.raises(ValueError, match=r"<lambda> takes release: give a function"):
+        rs.diagnose(lambda release: release, record(0.03, 0))
+    with pytest.raises(ValueError, match=r"parameters name .m., and the simulator simulate"):
+        rs.diagnose(simulate, record(0.03, 0), parameters={"m": 1.0})
+    with pytest.raises(ValueError, match=r"parameters of 'k' = \(80.0, -1\) must be a value"):
+        rs.diagnose(simulate, record(0.03, 0), parameters={"k": (80.0, -1)})
+    with pytest.raises(ValueError, match="values of a simulator of one's own"):
+        rs.diagnose(rs.ReducedModel.from_coefficients({"omega^2": 200.0}), [], parameters={"k": 1})
+    with pytest.raises(ValueError, match=r"free = .*: of a simulator"):
+        rs.diagnose(simulate, record(0.03, 0), free=["gamma_3"])
+    several = rs.Decay(T, np.stack([1e-4 * np.sin(T), np.sin(15 * T)], axis=1))
+    with pytest.raises(ValueError, match=r"the first channel moves by .*give one first"):
+        rs.diagnose(simulate, several)
+
+
+def test_times_are_fine_enough_and_beyond_the_record():
+    t = times(10.0, 0.05, 15.0)
+    assert t[0] == 0 and t[-1] >= 10 and np.allclose(np.diff(t), t[1])
+    assert 0.05 / t[1] == pytest.approx(round(0.05 / t[1]))  # samples of the record are among them
+    assert 2 * np.pi / 15 / t[1] >= 60
+
+
+# -- the equation backwards ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("phase", [0.4, 1.9, 3.5, 6.0])
+def test_a_motion_goes_back_to_where_it_turned(phase):
+    """Of a damped oscillator in closed form: q = exp(-d t) (cos w t + d / w sin w t)."""
+    damping, rate = 0.3, np.sqrt(36.0 - 0.3**2)
+    model = rs.ReducedModel.from_coefficients({"omega^2": 36.0, "c_linear": 2 * damping})
+    t = phase / rate
+    q = np.exp(-damping * t) * (np.cos(rate * t) + damping / rate * np.sin(rate * t))
+    q_dot = -36.0 / rate * np.exp(-damping * t) * np.sin(rate * t)
+    since = (phase % np.pi) / rate  # it turns every half cycle
+    expected = np.exp(-damping * (t - since)) * (-1) ** int(phase // np.pi)
+    equation = ExtendedEquation(model, (), 0, 0.01, 0.0)
+    found = turning_point(equation, (float(q), float(q_dot)), rate)
+    assert found == pytest.approx((expected, since), rel=1e-7)
+
+
+# -- a force as code -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "law",
+    [DryFriction().term().regularised(0.01), AirDrag().term(), CubicStiffness().term()],
+    ids=lambda law: law.key,
+)
+def test_code_of_a_force_is_the_force(law):
+    force = LawForce(((law, 3.0), (Stop(1).term(), 40.0)), 0.35, 1.5)
+    space: dict = {}
+    exec(force.code("py"), space)
+    for x, v in [(0.02, 0.3), (-0.05, 0.02), (0.0, -0.7)]:
+        assert space["force"](0.0, x, v) == pytest.approx(force(0.0, x, v), rel=1e-12)
+    assert "pow" in force.code("c") or "tanh" in force.code("c") or "fabs" in force.code("c")
+    with pytest.raises(ValueError, match="language = 'f90' must be one of"):
+        force.code("f90")
+
+
+def test_every_language_has_the_zero_force():
+    for language in LANGUAGES:
+        assert "force" in LawForce((), 1.0).code(language)
+
+
+# -- programs --------------------------------------------------------------------------------------
+
+SCRIPT = """
+import sys
+import numpy as np
+release, out, duration, step, k = float(sys.argv[1]), sys.argv[2], *map(float, sys.argv[3:6])
+t = np.arange(0, duration + step / 2, step)
+x = release * np.exp(-0.1 * t) * np.cos(np.sqrt(k) * t)
+np.savetxt(out, np.c_[t, x, 0.5 * x], delimiter=",", header="time [s],a [m],b [m]", comments="")
+"""
+
+
+def test_a_program_gives_what_it_writes(tmp_path):
+    script = tmp_path / "model.py"
+    script.write_text(SCRIPT)
+    command = f"{sys.executable} {script} {{release}} {{out}} {{duration}} {{step}} {{k}}"
+    program = Program(command, tmp_path / "runs")
+    assert program.parameters == ("k",) and not program.takes_force
+    t = np.arange(200) / 100
+    x = Simulator.of(program).decay(0.3, t, 2, values={"k": 100.0}).displacements
+    exact = 0.3 * np.exp(-0.1 * t) * np.cos(10 * t)
+    assert np.allclose(x, np.stack([exact, 0.5 * exact], axis=1), atol=1e-12)
+    assert (tmp_path / "runs/run_001/command.txt").read_text().split()[2] == "0.3"
+    program.simulate(0.2, t, k=100.0)
+    assert (tmp_path / "runs/run_002/out.csv").exists()  # the first run stays
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("raise SystemExit('no licence')", "it ended with 1 and said:\nno licence"),
+        ("pass", "it wrote no file out.csv"),
+        ("import time; time.sleep(60)", "it did not end within 0.2 s"),
+        ("import sys; open(sys.argv[2], 'w').write('nonsense')", "what it wrote cannot be read"),
+    ],
+)
+def test_a_program_that_fails_is_told_with_its_folder(tmp_path, code, message):
+    script = tmp_path / "model.py"
+    script.write_text(code)
+    limit = 0.2 if "sleep" in code else 60.0
+    program = Program(f"{sys.executable} {script} {{release}} {{out}}", tmp_path / "runs", limit)
+    with pytest.raises(SimulatorError, match=f"(?s)run_001.*{message}"):
+        program.simulate(0.1, np.arange(100) / 100)
+
+
+def test_commands_that_cannot_be_run_are_refused(tmp_path):
+    for command, needed in [("octave model.m {out}", "release"), ("octave m.m {release}", "out")]:
+        with pytest.raises(ValueError, match=f"has no {{{needed}}}: write it where"):
+            Program(command)
+    with pytest.raises(ValueError, match="time_limit = 0 must be positive"):
+        Program("a {release} {out}", time_limit=0)
+    unknown = Program("a {release} {out} {k}", tmp_path)
+    with pytest.raises(SimulatorError, match=r"nothing is known for {k}; name it among"):
+        unknown.simulate(0.1, np.arange(10) / 10)
+
+
+# -- what is missing, and the simulator with it ----------------------------------------------------
+
+
+def test_friction_is_named_and_put_into_the_simulator():
+    def friction(t, x, v):
+        return -FRICTION * np.tanh(v / 1e-4)
+
+    measured = record(0.03, 1, friction)
+    report = rs.diagnose(simulate, measured, catalogue=[DryFriction(), AirDrag()])
+    assert report.verdict == "named" and report.names == ("dry_friction",)
+    assert report.force(0.0, 0.01, 0.2) == pytest.approx(-FRICTION, rel=0.01)
+    (sensor,) = report.sensor_errors
+    assert sensor.before > 20 and sensor.after < 1.1
+    assert report.seen.scale.mass == pytest.approx(MASS, rel=1e-3)
+    assert "Added to simulate: the force" in report.sentence
+    # The simulator with the code of the report follows another run, from elsewhere.
+    there = motion(0.02, T, friction)
+    space: dict = {}
+    exec(report.force.code("py"), space)
+    assert np.std(motion(0.02, T, space["force"]) - there) < 0.01 * np.std(there)
+    assert np.std(motion(0.02, T, nothing) - there) > 0.1 * np.std(there)
+
+
+@pytest.mark.slow
+def test_a_simulator_without_a_force_has_its_equation_instead():
+    def stop(t, x, v):
+        return -60 * max(x - 0.02, 0.0)
+
+    report = rs.diagnose(lambda release, t: motion(release, t, nothing), record(0.03, 1, stop))
+    assert report.names == ("stop",) and report.force is None and not report.parts
+    (effect,) = report.effects
+    assert effect.values["gap"] == pytest.approx(0.02, abs=3 * effect.standard_errors["gap"])
+    assert effect.values["strength"] == pytest.approx(60 / MASS, rel=0.03)
+    assert "it takes no force" in report.sentence and "k_above" in report.recipe
+
+
+@pytest.mark.slow
+def test_a_value_of_the_simulator_follows_within_its_tolerance():
+    records = [record(0.03, 1, k=81.5), record(0.02, 2, k=81.5)]
+    report = rs.diagnose(simulate, records, parameters={"k": (STIFFNESS, 0.03)})
+    assert report.values["k"] == pytest.approx(81.5, abs=0.02)
+    assert "Within its tolerance k is 81.5" in report.sentence
+    assert report.sensor_errors[0].after < 1.1
+
+
+@pytest.mark.slow
+def test_a_simulator_that_is_right_lacks_nothing():
+    records = [record(0.03, 3), record(0.02, 4)]
+    report = rs.diagnose(simulate, records)
+    assert report.verdict == "none" and not report.effects
