@@ -400,3 +400,18 @@ def test_few_points_are_not_tried(linear):
     known = rs.fit_steady(model, w[some], force[some], noisy, std=1e-2).verdict
     assert known.explained and "too few to try" in str(known)
     assert not rs.fit_steady(model, w[some], force[some], noisy).verdict.explained
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_sensor_that_bends_with_frequency_is_no_noise_that_drifts(linear, given):
+    """By a square of it, which no term of the equation does: it was taken for noise."""
+    w, force, q = linear
+    bent = q * (1 + 4.0 * (w - w.mean()) ** 2)
+    std = 0.002 * np.abs(q).max()
+    start = rs.ReducedModel.from_coefficients({"omega^2": 1.1, "c_linear": 0.1})
+    wrong, right = (
+        rs.fit_steady(start, w, force, x + noise_of(std, 24, 5), std=std if given else None)
+        for x in (bent, q)
+    )
+    assert not wrong.verdict.explained and "other frequencies" in str(wrong.verdict)
+    assert right.verdict.explained

@@ -142,8 +142,12 @@ def _tried(points: SteadyPoints, solution: SteadySolution) -> _PointColumns:
         del by["phase"]
     # An excitation, or a sensor, of other dynamics.
     slow = (points.frequency / points.frequency.mean() - 1)[:, None]
-    late = {f"{_CALLED[n]} at other frequencies": by[n] * slow for n in CHAIN if n in by}
-    del late[f"{_CALLED['slope']} at other frequencies"]
+    late = {
+        f"{_CALLED[n]} {where} other frequencies": by[n] * slow**power
+        for n in ("gain", "phase")
+        for power, where in ((1, "at"), (2, "about"))
+        if n in by
+    }
     ordered = {n: by.pop(n) for n in solution.free}
     ordered |= {_CALLED.get(n, n): column for n, column in by.items()} | late
     return _PointColumns([*ordered], np.stack([*ordered.values()], axis=2), rows)
