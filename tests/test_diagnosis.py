@@ -356,7 +356,9 @@ def test_one_function_for_every_simulation():
         tolerances={"gamma_3": 1},
     )
     refused(good, "belong to a Beam", sensors=sensors)
-    with pytest.raises(TypeError, match="model is a str: give a ReducedModel, Beam or Decay"):
+    with pytest.raises(
+        TypeError, match="model is a str: give a ReducedModel, Beam, Decay, or a function"
+    ):
         rs.diagnose("model.json", good)
     refused(good, "catalogue", catalogue=[AirDrag])
 

@@ -208,7 +208,7 @@ def test_a_simulated_series_is_taken_as_by_the_command(no_search):
         diagnose(series.between(0, 0.2), series)
     with pytest.raises(ValueError, match="model is a Decay, which has no input"):
         diagnose(series, rs.ForcedVibration(t, series.q, np.cos(t), unit="m", input_unit="N"))
-    with pytest.raises(TypeError, match="give a ReducedModel, Beam or Decay"):
+    with pytest.raises(TypeError, match="give a ReducedModel, Beam, Decay, or a function"):
         diagnose("model", series)
 
 

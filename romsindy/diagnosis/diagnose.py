@@ -253,7 +253,7 @@ def simulator_of(model: object) -> Simulator | None:
     """
     if isinstance(model, (Estimate, Equations, Beam, Measurement)):
         return None
-    if isinstance(model, str):
+    if isinstance(model, str) and "{" in model:
         return Simulator.of(Program(model))
     if isinstance(model, Simulator) or callable(model) or callable(getattr(model, "simulate", 0)):
         return Simulator.of(model)
