@@ -146,6 +146,8 @@ def of_plainest_kind(
         last = kind is kinds[-1]
         if best is None or not (last or (kind.masses and best.left <= EXPLAINED)):
             continue
+        # Longer pieces tell masses that short ones do not.
+        choice = Choice(always, candidates(r, kind), curved)
         found.append(_whole(best, given, choice, progress))
         if found[-1].explained:
             break
