@@ -14,7 +14,7 @@ import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support, load_beam
 from romsindy.beam.changes import ClampCompliance, HeavierMasses, Longer, StifferBending
 from romsindy.beam.motion import Sensor
-from romsindy.beam.structure import Spring
+from romsindy.beam.structure import Spring, springs_of
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam import workflow as rounds
@@ -28,8 +28,9 @@ from romsindy.diagnosis.on_beam.parameters import (
 from romsindy.diagnosis.on_beam.report import recipe_of
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import position_gains
-from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
+from romsindy.effects import CATALOGUE, AirDrag, AtPoint, CubicStiffness, Damper, PointMass
 from romsindy.effects.base import Scales, State
+from romsindy.effects.mounting import Load, TowardsAnchor
 from romsindy.record.signals import with_noise
 
 PLACES = (0.12, 0.2, 0.28, 0.36, 0.45)
@@ -537,3 +538,13 @@ def test_a_file_of_no_beam_is_refused(tmp_path, old, new, message):
     file.write_text(BEAM_FILE.replace(old, new, 1))
     with pytest.raises(ValueError, match=message):
         load_beam(file)
+
+
+def test_a_second_load_towards_an_anchor_is_no_second_spring():
+    """The friction in the spring is looked for at the spring, wherever the other pulls."""
+    beam = Beam.cantilever(elements=6)
+    (spring,) = springs_of(beam)
+    other = Load(CubicStiffness().term(), 1.0, TowardsAnchor((0.3, 0.4), 0.2, 0.1))
+    curve = beam.with_effect(other).static_curve(amplitude=0.01, cases=9)
+    found = {e.name: e for e in mounted_effects(curve)}
+    assert found["spring_friction"].mounting.anchor == spring.anchor

@@ -226,8 +226,11 @@ def mounted_effects(
     found = []
     for effect in catalogue:
         where = effect.mounting
-        if isinstance(where, TowardsAnchor) and where.anchor is None and len(springs) != 1:
-            continue
+        if isinstance(where, TowardsAnchor) and where.anchor is None:
+            if len(springs) != 1:
+                continue
+            # Other loads may pull towards anchors of their own.
+            where = replace(where, at=springs[0].at, anchor=springs[0].mounting.anchor)
         if where is not None:
             settled = where.settled(curve.beam)
             if isinstance(settled, AtPoint) and settled.at is None:
