@@ -16,8 +16,8 @@ from romsindy.beam.changes import ClampCompliance, HeavierMasses, Longer, Stiffe
 from romsindy.beam.motion import Sensor
 from romsindy.beam.structure import Spring, springs_of
 from romsindy.commands.main import main
+from romsindy.diagnosis import rounds
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam import workflow as rounds
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (

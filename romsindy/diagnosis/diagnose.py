@@ -186,7 +186,7 @@ def diagnose(
             raise ValueError("model is a Decay, which has no input: give the equation instead")
         series = model
         known = model_of_simulation([series])
-        model, references = known.model, [series, *references]
+        model, references = known.model, [*known.reference, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
     simulation: Any = None if simulator is not None else _equation_or_beam(model)

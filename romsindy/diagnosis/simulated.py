@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +33,15 @@ class SimulationModel(NamedTuple):
 
     model: ReducedModel  # over the amplitudes of the simulation
     tolerances: dict[str, float]  # nonlinear stiffness is known to its own size only
-    missed: float  # what it leaves of them, rms over the largest amplitude
     floor: float  # twice what the richest equation leaves, per amplitude: no better known
+    reference: tuple[Decay, ...]  # the series: what the equation misses of them does not matter
+
+    @property
+    def missed(self) -> float:
+        """What it leaves of the series, rms over the largest amplitude."""
+        records = [Record.loud(decay, _LEAST_NOISE) for decay in self.reference]
+        model = replace(self.model, amplitude_range=None)
+        return _misfit(fit(model, (), records, iterations=30), records)
 
 
 def model_of_simulation(simulated: Sequence[Decay]) -> SimulationModel:
@@ -49,8 +57,7 @@ def model_of_simulation(simulated: Sequence[Decay]) -> SimulationModel:
     omega = scales(records).omega
     start = ReducedModel.from_coefficients({"omega^2": omega**2}, simulated[0].unit)
     plain, rich = _plainest(start, records), _fitted(start, sought("rich"), records)
-    missed = _misfit(plain, records)
-    left = min(missed, _misfit(rich, records))
+    left = min(_misfit(plain, records), _misfit(rich, records))
     if not left < ONE_MODE:
         raise ValueError(
             "no equation of motion follows the simulated series: is it the free decay of one mode?"
@@ -59,7 +66,7 @@ def model_of_simulation(simulated: Sequence[Decay]) -> SimulationModel:
     amplitudes = np.concatenate([extract_backbone(r.decay).amplitude for r in records])
     reach = (float(amplitudes.min()), float(amplitudes.max()))
     model = ReducedModel(model.terms, model.values, model.unit, reach)
-    return SimulationModel(model, {_CUBIC.key: 1.0}, missed, max(2 * left, FLOOR))
+    return SimulationModel(model, {_CUBIC.key: 1.0}, max(2 * left, FLOOR), tuple(simulated))
 
 
 def _plainest(start: ReducedModel, records: Sequence[Record]) -> Solution:
