@@ -8,9 +8,11 @@ import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
+from romsindy.commands.main import main
 from romsindy.diagnosis.on_simulator.seen import turning_point
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop
 from romsindy.fit.kernel.equation import ExtendedEquation
@@ -185,7 +187,7 @@ def test_a_program_gives_what_it_writes(tmp_path):
     script.write_text(SCRIPT)
     command = f"{sys.executable} {script} {{release}} {{out}} {{duration}} {{step}} {{k}}"
     program = Program(command, tmp_path / "runs")
-    assert program.parameters == ("k",) and not program.takes_force
+    assert program.takes_values == ("k",) and not program.takes_force
     t = np.arange(200) / 100
     x = Simulator.of(program).decay(0.3, t, 2, values={"k": 100.0}).displacements
     exact = 0.3 * np.exp(-0.1 * t) * np.cos(10 * t)
@@ -222,6 +224,28 @@ def test_commands_that_cannot_be_run_are_refused(tmp_path):
     unknown = Program("a {release} {out} {k}", tmp_path)
     with pytest.raises(SimulatorError, match=r"nothing is known for {k}; name it among"):
         unknown.simulate(0.1, np.arange(10) / 10)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--simulator", "a {out}"], "has no {release}: write it where"),
+        (["--simulator", "a {release} {out}", "--model", "m.json"], "name one of --simulated"),
+        (["--simulator", "a {release} {out}", "--parameter", "k"], "'k' is not NAME=VALUE"),
+        (["--model", "m.json", "--parameter", "k=1"], "--parameter is a value of a program"),
+        (["--simulator", "a {release} {out}", "--parameter", "k=1:0.1"], "takes nothing beside"),
+        (["--simulator", "no_such_program {release} {out}"], "there is no program"),
+    ],
+)
+def test_the_command_refuses_what_is_no_program(tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.json").write_text('{"coefficients": {"omega^2": 228.0}, "unit": "m"}')
+    decay = record(0.03, 0)
+    table = np.c_[decay.t, decay.q]
+    np.savetxt("d.csv", table, delimiter=",", header="time [s],x [m]", comments="")
+    done = CliRunner().invoke(main, ["diagnose", "--measured", "d.csv", *options])
+    assert done.exit_code == 2 and message in done.output
+    assert np.allclose(np.loadtxt("d.csv", delimiter=",", skiprows=1), table)  # it is as it was
 
 
 # -- what is missing, and the simulator with it ----------------------------------------------------

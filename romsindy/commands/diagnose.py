@@ -279,7 +279,7 @@ def diagnose(
         reading["column"], choice = columns, Selection(whole=True)
     elif simulator is not None:
         simulation = {"model": Program(simulator, runs, time_limit), "parameters": parameters}
-        choice = choice._replace(coordinates=max(len(reading["column"]), 1))
+        choice = choice._replace(coordinates=max(len(reading["column"] or ()), 1))
     elif simulated is not None:
         simulation = {"model": _series(simulated, reading["unit"])}
     elif model_file is not None:

@@ -88,7 +88,7 @@ class Program:
         return bool(self._forces)
 
     @property
-    def parameters(self) -> tuple[str, ...]:
+    def takes_values(self) -> tuple[str, ...]:
         """Values that it takes."""
         known = {*_OWN, *self._outputs, *self._forces}
         return tuple(p for p in self._places if p not in known)

@@ -121,16 +121,16 @@ class Simulator:
 
     def check_values(self, names: Sequence[str]) -> None:
         """Raise a ValueError for a value that it does not take."""
-        own = getattr(self.simulate, "__self__", None)
-        known = getattr(own, "parameters", self._arguments)
-        if known is None or any(k.startswith("**") for k in known):
+        known = getattr(getattr(self.simulate, "__self__", None), "takes_values", None)
+        if known is None and (self._arguments is None or self._takes_any):
             return
-        free = [k for k in known if k not in ("release", "t", "force")]
+        own = (k for k in self._arguments or () if k not in ("release", "t", "force"))
+        free = list(own if known is None else known)
         for name in names:
-            if name not in free and not self._takes_any:
+            if name not in free:
                 raise ValueError(
                     f"parameters name {name!r}, and the simulator {self.name} takes"
-                    f" {_listed(free)} beside release and t: give it a keyword of that name"
+                    f" {_listed(free)} beside release and t: give it a value of that name"
                 )
 
     @property

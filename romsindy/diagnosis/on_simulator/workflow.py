@@ -92,7 +92,13 @@ def diagnose_simulator(
         *(on, diagnose_model, model, records, decays, held_out is not None),
         *([*unsure, *near], looked_for, options, [None] * len(records)),
     )
-    before = rounds.begin()
+    try:
+        before = rounds.begin()
+    except TrajectoryError as error:
+        raise ValueError(
+            f"the equation of simulator {simulator.name} has no motion near the records ({error}):"
+            " compare its frequency with theirs, and check units"
+        ) from error
     found = rounds.run((), before)
     report = SimulatorReport(
         reduced=rounds.with_values_of_simulator(found.report, found.parts),
@@ -220,8 +226,11 @@ class SimulatorRounds(Rounds):
             if best.trouble or not best.parts or self.own_error(best.corrected) <= _CLOSE:
                 break
             self.options.progress(f"{self.structure.what} nearer to the records")
-            changed = self._nearer(best)
-            found = self.simulate(changed, begun=True)
+            try:
+                changed = self._nearer(best)
+                found = self.simulate(changed, begun=True)
+            except self.structure.failures:  # what was found stands, and so does its error
+                break
             report = self._look(effects, found, len(best.report.best.effects))
             nearer = self.own_error(found) < self.own_error(best.corrected)
             if not nearer or report.best.names != best.report.best.names:
