@@ -298,3 +298,14 @@ def test_a_simulator_that_is_right_lacks_nothing():
     records = [record(0.03, 3), record(0.02, 4)]
     report = rs.diagnose(simulate, records)
     assert report.verdict == "none" and not report.effects
+
+
+@pytest.mark.slow
+def test_nothing_is_added_that_makes_a_simulator_worse():
+    """Forces that no effect of the catalogue is: what comes nearest stays out of the simulator."""
+    measured = record(0.03, 1, lambda t, x, v: -0.15 * np.sin(40 * x / 0.03))
+    report = rs.diagnose(simulate, measured, catalogue=[AirDrag()])
+    (sensor,) = report.sensor_errors
+    assert report.verdict == "unknown" and sensor.after <= sensor.before
+    assert report.force is None and "Added to" not in report.sentence
+    assert "comes no nearer to the records" in report.sentence

@@ -100,6 +100,8 @@ class SimulatorReport(StructureReport):
             )
         if self.not_there and not self.trouble:
             why = "it takes no force" if self.seen.scale is None else "no force of t, x, v is that"
+            if self.sensor_errors:
+                why = "with that it comes no nearer to the records"
             lines.append(
                 f"Not added to {name}: {listed(self.not_there)} ({why}); the equation of its"
                 " coordinate stands for it."

@@ -113,6 +113,9 @@ def diagnose_simulator(
     last = decays[-1].between(rounds.calm[-1])
     names = [f"channel {i + 1}" for i in range(len(on.shape))]
     errors = sensor_errors(names, last, (before[-1], found.corrected[-1]))
+    if max(e.after for e in errors) > max(e.before for e in errors):  # nothing makes it worse
+        errors = sensor_errors(names, last, (before[-1], before[-1]))
+        report = replace(report, parts=())
     return replace(report, sensor_errors=errors)
 
 
