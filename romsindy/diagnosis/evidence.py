@@ -14,8 +14,8 @@ freeing them pays. Whitening makes samples of correlated noise count for what th
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -261,6 +261,8 @@ class Hypothesis:
     reach: float = 0.0  # largest reading of all records
     unsaid: tuple[str, ...] = ()  # values that moved by less than matters
     n_unsure: int | None = None
+    # Misfit of what other modes do, beyond that of the best there, by the names of effects
+    elsewhere: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -270,6 +272,13 @@ class Hypothesis:
         weighed = Weighed.of(model, solution, records)
         n_samples, reach = sum(r.count for r in records), largest_reading(records)
         return cls(solution, n_free, n_samples, weighed, reach=reach)
+
+    def again(
+        self, model: ReducedModel, solution: Solution, records: Sequence[Record]
+    ) -> Hypothesis:
+        """The same, fitted further."""
+        found = Hypothesis.of(model, solution, self.n_free, records)
+        return replace(found, elsewhere=self.elsewhere)
 
     def at(self, noise: Any) -> Hypothesis:
         """The same by other noise."""
@@ -316,8 +325,15 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Misfit, here and on what took no part, plus price: the least is the best."""
-        return self.misfit + self.price + self.tested
+        """Misfit, here, on what took no part and in other modes, plus price: the least is best."""
+        return self.misfit + self.price + self.tested + self._elsewhere
+
+    @property
+    def _elsewhere(self) -> float:
+        """Misfit in other modes: of what is not known, that of its likeliest part, or of none."""
+        names = frozenset(p.effect.name for p in self.effects)
+        known = [m for of, m in self.elsewhere.items() if of <= names]
+        return self.elsewhere.get(names, min(known, default=0.0))
 
     @property
     def effects(self) -> tuple[Part, ...]:

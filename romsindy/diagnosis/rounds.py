@@ -58,6 +58,8 @@ class Rounds:
     # How each record started; None is found
     releases: list[Any]
     form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
+    # What other modes say of effects, see `Hypothesis`
+    elsewhere: dict[frozenset[str], float] = field(default_factory=dict)
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 
@@ -141,7 +143,7 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        known = chosen, self.form, False
+        known = chosen, self.form, False, self.elsewhere
         return self.look(self.model, training, test, self.unsure, {}, *known)
 
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:

@@ -216,11 +216,14 @@ class DampingEffect(BeamEffect):
 
 
 def mounted_effects(
-    curve: StaticCurve, catalogue: Sequence[TermEffect] = BEAM_CATALOGUE, at: float | None = None
+    curve: StaticCurve,
+    catalogue: Sequence[TermEffect] = BEAM_CATALOGUE,
+    places: Mapping[str, float] | None = None,
 ) -> tuple[MountedEffect, ...]:
     """The effects of a catalogue that can be on this beam, each at its place.
 
-    One that may be anywhere is at ``at``, m; by default where the first mode moves most.
+    One that may be anywhere is where ``places`` say, m by name; by default where the first mode
+    moves most.
     """
     springs = springs_of(curve.beam)
     found = []
@@ -234,6 +237,6 @@ def mounted_effects(
         if where is not None:
             settled = where.settled(curve.beam)
             if isinstance(settled, AtPoint) and settled.at is None:
-                settled = replace(settled, at=curve.point if at is None else at)
+                settled = replace(settled, at=(places or {}).get(effect.name, curve.point))
             found.append(MountedEffect(effect, curve, settled))
     return tuple(found)
