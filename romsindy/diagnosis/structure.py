@@ -16,10 +16,13 @@ from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import SIGNALS, Decay
+from romsindy.record.noise import Noise
+from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
 # A cycle is left out that differs by so many times the median of so many later ones.
 _RESTLESS, _NEXT = 1.3, 8
+_SLOW = 3  # cycles from knot to knot of what is no noise of a sensor
 
 
 class Moved(NamedTuple):
@@ -108,6 +111,21 @@ def corrected(
         signals[name] = measured - beside
     own = replace(record.decay, **signals)
     return Corrected(own, moved[record.derivative], start, release)
+
+
+def channel_noises(record: Record, decay: Decay, floor: float) -> tuple[Noise, ...]:
+    """Noise of every sensor that measured a decay, whose coordinate is a record.
+
+    ``floor`` is the least, as a part of the largest reading.
+    """
+    clock = decay.t - decay.t[0]
+    amplitude, cycle = np.abs(record.spline.amplitudes(clock)[:, 1]), 2 * np.pi / record.rate
+    found = []
+    for x in decay.signal.reshape(len(clock), -1).T:
+        smooth = HarmonicSpline.along(record.spline.phase, clock, x, _SLOW)
+        rest, least = x - smooth(clock)[0], floor * float(np.abs(x).max())
+        found.append(Noise.of(rest, smooth.midline(clock), amplitude, cycle, decay.dt, least))
+    return tuple(found)
 
 
 def key_of(part: Part) -> tuple[str, str]:

@@ -13,16 +13,17 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.structure import Corrected
+from romsindy.diagnosis.structure import Corrected, channel_noises
 from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.record.decay import Decay
-from romsindy.record.spectrum import noise_std
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
+_FLOOR = 1e-6  # of the largest reading: the least noise
 _SIDES = ("before", "after", "part")
 
 
@@ -40,8 +41,10 @@ def sensor_errors(
     labels: Sequence[str], decay: Decay, both: Sequence[Corrected]
 ) -> tuple[SensorError, ...]:
     """Every sensor against the structure before and after, in one record."""
-    readings = decay.between(end=both[0].decay.t[-1]).signal.reshape(-1, len(labels))
-    noise = np.array([noise_std(y) for y in readings.T])
+    decay = decay.between(end=both[0].decay.t[-1])
+    readings = decay.signal.reshape(-1, len(labels))
+    record = Record.of(both[-1].decay.between(decay.t[0]), _FLOOR)
+    noise = np.array([n.std for n in channel_noises(record, decay, _FLOOR)])
     left = [readings - c.readings[-len(readings) :] for c in both]
     before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
     told = before / noise, after / noise, after / np.std(readings, axis=0)

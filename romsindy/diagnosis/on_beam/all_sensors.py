@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,16 +24,16 @@ from scipy.interpolate import CubicSpline
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.structure import channel_noises
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import PLACE_RISE, SAME_DAMPING
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
-from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
-_FINE = 301
+_FINE = 51  # places between two points
 _NEW = 1e-9  # of a column beside others
-_SLOW = 3  # cycles from knot to knot of what is no noise of a sensor
+_ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh, of
 # steps in time and of small masses grow with the frequency.
@@ -80,18 +81,10 @@ class Readings:
 
         It is looked at from time ``first`` to ``last``, s, on the clock of the decay.
         """
-        clock = decay.t - decay.t[0]
-        amplitude = np.abs(record.spline.amplitudes(clock)[:, 1])
-        cycle = 2 * np.pi / record.rate
-        noises = []
-        for x in decay.signal.T:
-            smooth = HarmonicSpline.along(record.spline.phase, clock, x, _SLOW)
-            rest, least = x - smooth(clock)[0], floor * float(np.abs(x).max())
-            slow = smooth.midline(clock)
-            noises.append(Noise.of(rest, slow, amplitude, cycle, decay.dt, least))
+        noises = channel_noises(record, decay, floor)
         n = int(np.searchsorted(decay.t, last))
         calm = int(np.searchsorted(decay.t, first))
-        return cls(clock[:n], decay.signal[:n], tuple(noises), calm)
+        return cls((decay.t - decay.t[0])[:n], decay.signal[:n], noises, calm)
 
     def cosines(self, x: Array, shape: Array) -> Array:
         """Cosines of readings (n, n_sensors) over the noise, without what goes with a shape."""
@@ -119,13 +112,24 @@ class Tried:
         What it says.
     at : (n_points,) array or None
         Points of the one effect that can be anywhere, m.
-    motions : sequence of sequence of Motion
-        In each record, for each of the points.
+    left : (m, n_points) array
+        What it leaves of the sensors over the noise, at each of the points: see `left_of`.
     """
 
     names: frozenset[str]
     at: Array | None
-    motions: Sequence[Sequence[Motion]]
+    left: Array
+
+    @property
+    def points(self) -> Array:
+        """Points of an effect that can be anywhere."""
+        return np.zeros(0) if self.at is None else self.at
+
+    def joined(self, more: Tried) -> Tried:
+        """The same with further points."""
+        at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
+        order = np.argsort(at)
+        return Tried(self.names, at[order], left[:, order])
 
 
 def followed(seen: InstrumentedBeam, t: Array, motion: Motion, measured: Array) -> Motion:
@@ -149,79 +153,147 @@ class Heard(NamedTuple):
     place: PlaceOnBeam | None
 
 
-def weigh(
-    seen: InstrumentedBeam, read: Sequence[Readings], tried: Sequence[Tried], slack: Latitude
-) -> list[Heard]:
-    """What all sensors say of some explanations.
+def weigh(tried: Sequence[Tried], samples: int, length: float) -> list[Heard]:
+    """What all sensors say of some explanations, by so many ``samples``, of a beam of a ``length``.
 
-    What they read in each record is ``read``. Where no explanation leaves noise alone, what the best
-    leaves counts as noise.
+    Where no explanation leaves noise alone, what the best leaves counts as noise.
     """
-    profiles = [_profile(seen, read, t, slack) for t in tried]
-    samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
+    profiles = [_profile(t) for t in tried]
     noise = max(min(float(x.min()) for _, x in profiles) / samples, 1.0)
-    return [_heard(fine, x / noise, seen.beam.length) for fine, x in profiles]
+    return [_heard(fine, x / noise, length) for fine, x in profiles]
 
 
-def _profile(
-    seen: InstrumentedBeam, read: Sequence[Readings], tried: Tried, slack: Latitude
-) -> tuple[Array | None, Array]:
+def _profile(tried: Tried) -> tuple[Array | None, Array]:
     """Points of a fine grid, and chi-square there, of an explanation."""
-    n_points = len(tried.motions[0])
-    left = np.stack(
-        [_left(seen, read, [m[j] for m in tried.motions], slack) for j in range(n_points)], axis=1
-    )
     if tried.at is None:
-        return None, np.sum(left**2, axis=0)
-    fine = np.linspace(tried.at[0], tried.at[-1], _FINE)
-    weights = CubicSpline(tried.at, np.eye(n_points))(fine)
-    return fine, np.einsum("ij,jk,ik->i", weights, left.T @ left, weights)
+        return None, np.sum(tried.left**2, axis=0)
+    fine = np.unique(np.concatenate([np.linspace(a, b, _FINE) for a, b in pairwise(tried.at)]))
+    weights = CubicSpline(tried.at, np.eye(len(tried.at)))(fine)
+    return fine, np.einsum("ij,jk,ik->i", weights, tried.left.T @ tried.left, weights)
 
 
 def _heard(fine: Array | None, chi_squared: Array, length: float) -> Heard:
     least = float(chi_squared.min())
-    misfit = least - 2 * float(np.log(np.mean(np.exp(-0.5 * (chi_squared - least)))))
     if fine is None:
-        return Heard(misfit, None)
+        return Heard(least, None)
+    likelihood = np.trapezoid(np.exp(-0.5 * (chi_squared - least)), fine) / (fine[-1] - fine[0])
     inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
-    return Heard(misfit, PlaceOnBeam(best, float(inside.min()), float(inside.max()), length))
+    place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), length)
+    return Heard(least - 2 * float(np.log(likelihood)), place)
 
 
-def _left(
+def left_of(
     seen: InstrumentedBeam, read: Sequence[Readings], motions: Sequence[Motion], slack: Latitude
 ) -> Array:
-    """What motions leave of the sensors beside the first mode, over the noise, and of the slack."""
-    rows = [_columns(seen, *pair) for pair in zip(read, motions, strict=True)]
-    left = np.concatenate([y for y, _ in rows])
-    own = np.concatenate([x for _, x in rows])
-    known = np.diag(1 / slack.spreads)
-    y, x = np.concatenate([left, np.zeros(len(known))]), np.concatenate([own, known])
-    return np.asarray(y - x @ np.linalg.lstsq(x, y)[0])
+    """What motions leave of the sensors beside the first mode, over the noise, and of the slack.
 
-
-def _columns(seen: InstrumentedBeam, read: Readings, motion: Motion) -> tuple[Array, Array]:
-    """What a motion leaves of a record, over the noise, and what the slack does, (m, n_slack).
-
-    The release is known no better than it was read: what more of the higher modes would do, and
-    errors of the phase and the amplitude of the first, are taken off.
+    How much the higher modes are off is fitted, for their phase may run away by radians.
     """
-    t, usual, project = read.t, motion.readings, np.linalg.pinv(seen.shapes).T
-    slaved = _fitted(_along(seen.coordinate(usual), t), usual)
-    rung, rings = (usual - slaved) @ project, motion.ring @ project
-    share, rate = (t / t[-1])[:, None], np.gradient(slaved, t, axis=0)
-    free = [rate, share * rate, share**2 * rate, slaved, share * slaved]
-    own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(usual.shape[1]))]
-    for k, shape in list(enumerate(seen.shapes.T))[1:]:
-        own += [np.outer(t * x, shape) for x in (np.gradient(rung[:, k], t), rung[:, k])]
-        free += [np.outer(x, shape) for x in (rings[:, k], np.gradient(rings[:, k], t))]
+    heard = [Ringing.of(seen, *pair) for pair in zip(read, motions, strict=True)]
+    n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
+    off, more = np.zeros(2 * n_higher), [np.zeros(n_higher, complex)] * len(read)
+    for _ in range(_ITERATIONS):
+        rows = [h.columns(off, c) for h, c in zip(heard, more, strict=True)]
+        given = np.append(np.zeros(n_sensors), off)
+        y = np.concatenate([*(r.left for r in rows), -given / slack.spreads])
+        x = np.concatenate([*(r.own for r in rows), np.diag(1 / slack.spreads)])
+        step = np.linalg.lstsq(x, y)[0]
+        more = [c + r.ringing(step) for r, c in zip(rows, more, strict=True)]
+        turn = step[n_sensors:] * heard[0].reach
+        off = off + step[n_sensors:] / max(float(np.abs(turn).max(initial=0.0)), 1.0)
+        if np.abs(turn).max(initial=0.0) < _SETTLED:
+            break
+    return np.asarray(y - x @ step)
 
-    def over_noise(columns: Sequence[Array]) -> Array:
-        return np.stack([read.cosines(y, seen.shapes[:, 0]) for y in columns], axis=1)
 
-    basis = _orthonormal(over_noise(free))
-    table = over_noise([read.measured - usual, *own])
-    table -= basis @ (basis.T @ table)
-    return table[:, 0], table[:, 1:]
+class Columns(NamedTuple):
+    """What is left of a record over the noise, and what it follows: by slack, by the release."""
+
+    left: Array  # (m,)
+    own: Array  # (m, n_slack)
+    free: Array  # (m, 2 n_higher): in phase with more of a mode, and a quarter of a cycle before
+    all_left: Array  # (m,), with what the release may be
+    all_own: Array
+
+    def ringing(self, step: Array) -> Array:
+        """How much more of every higher mode the release had, (n_higher,), complex."""
+        found = np.linalg.lstsq(self.free, self.all_left - self.all_own @ step)[0]
+        return np.asarray(found[::2] + 1j * found[1::2])
+
+
+@dataclass(frozen=True, eq=False)
+class Ringing:
+    """A motion in a record: its first mode with what follows that, and every higher mode.
+
+    ``rung`` and ``more`` are the higher modes of the motion and of what more of them in the release
+    does, as rotating complex amplitudes (n, n_higher).
+    """
+
+    seen: InstrumentedBeam
+    read: Readings
+    motion: Motion
+    slaved: Array  # (n, n_sensors)
+    rung: Array
+    more: Array
+
+    @classmethod
+    def of(cls, seen: InstrumentedBeam, read: Readings, motion: Motion) -> Ringing:
+        """Part a motion."""
+        project, t = np.linalg.pinv(seen.shapes).T[:, 1:], read.t
+        slaved = _fitted(_along(seen.coordinate(motion.readings), t), motion.readings)
+        rung, more = (_rotating(x @ project, t) for x in (motion.readings - slaved, motion.ring))
+        return cls(seen, read, motion, slaved, rung, more)
+
+    @property
+    def omega(self) -> Array:
+        """Of the higher modes, rad/s."""
+        return self.seen.basis.omega[1 : self.seen.shapes.shape[1]]
+
+    @property
+    def reach(self) -> Array:
+        """Radians, or logarithms of a ratio, that a unit of each error makes in the record."""
+        end = float(self.read.t[-1])
+        return np.stack([self.omega * end, np.full(len(self.omega), end)], axis=1).ravel()
+
+    def columns(self, off: Array, more: Array) -> Columns:
+        """What is left where modes are off, (2 n_higher,), and rang ``more`` than was thought.
+
+        Errors of the phase and the amplitude of the first mode, and what the release may be, are
+        taken off.
+        """
+        t, shapes = self.read.t, self.seen.shapes[:, 1:].T
+        turn = np.exp(t[:, None] * (1j * self.omega * off[::2] - off[1::2]))
+        rung, ring = self.rung * turn, self.more * turn
+        whole = rung + more * ring
+        moved = self.motion.readings + (rung - self.rung).real @ shapes
+        share, rate = (t / t[-1])[:, None], np.gradient(self.slaved, t, axis=0)
+        first = [rate, share * rate, share**2 * rate, self.slaved, share * self.slaved]
+        free, own = [], [np.outer(y, e) for y, e in zip(moved.T, np.eye(len(moved.T)), strict=True)]
+        for k, shape in enumerate(shapes):
+            by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
+            own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]
+            free += [np.outer(x, shape) for x in (ring[:, k].real, -ring[:, k].imag)]
+        table = self._over_noise([self.read.measured - moved, *own, *free])
+        table = _without(table, _orthonormal(self._over_noise(first)))
+        n, release = 1 + len(own), table[:, 1 + len(own) :]
+        known = _without(table[:, :n], _orthonormal(release))
+        return Columns(known[:, 0], known[:, 1:], release, table[:, 0], table[:, 1:n])
+
+    def _over_noise(self, columns: Sequence[Array]) -> Array:
+        first = self.seen.shapes[:, 0]
+        return np.stack([self.read.cosines(y, first) for y in columns], axis=1)
+
+
+def _rotating(x: Array, t: Array) -> Array:
+    """Ringing modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
+    turned = np.gradient(x, t, axis=0)
+    # Differences of few samples a cycle are too small, in the right phase.
+    size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)
+    return np.asarray(x - 1j * turned * size)
+
+
+def _without(table: Array, basis: Array) -> Array:
+    return np.asarray(table - basis @ (basis.T @ table))
 
 
 def _along(q: Array, t: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import delayed
 
+from romsindy.beam.beam import Beam
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
@@ -17,6 +18,7 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     Readings,
     Tried,
     followed,
+    left_of,
     weigh,
 )
 from romsindy.diagnosis.on_beam.defect import (
@@ -42,12 +44,13 @@ from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.record.decay import Decay
+from romsindy.typing import Array
 
 _CYCLES = 12  # once it is calm: over these all sensors are heard
 _LISTENED = 3  # times, each with the best so far on the beam
 _NEAR = 0.02  # of the gap in the coordinate: so much a wrong place may leave of it
 _MOST = 8  # explanations that are simulated
-_LEAST_POINTS = 4  # of an effect that can be anywhere
+_FINER = 3  # times that points are added about the place of an effect
 
 Names = frozenset[str]
 
@@ -85,38 +88,48 @@ class BeamRounds(Rounds):
         """What is found once all sensors, and the modes that ring, have their say; where it acts.
 
         The beam is simulated with the likeliest effect where it acts, and looked at again, until
-        it stays. Nothing is told of a place where the same effect is not found there again.
+        that is what is found. Nothing is told of a place where it is not.
         """
         place: PlaceOnBeam | None = None
         places: dict[str, float] = {}
         for _ in range(_LISTENED):
             report = found.report
-            if found.trouble or report.interrupted or not report.best.effects:
+            if found.trouble or report.verdict == "none" or not report.best.effects:
                 return found, None
             asked = self.asked(report)
             heard = self.heard(asked, slack)
-            before, self.elsewhere = self.elsewhere, _beyond_best(heard)
+            self.elsewhere = _beyond_best(heard)
             best = min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
             place = heard[_names(best)].place if _names(best) in heard else None
-            movable = [p for p in best.effects if can_be_anywhere(p)]
-            stays = place is None or place.holds(place_now(self.seen, movable[0]))
-            if before and stays and best.names == report.best.names:
-                return found, place
-            parts = self.structure.with_effects(best.parts)
-            if not stays and place is not None:
-                (part,) = movable
-                moved = moved_to(self.seen, part, place.at, self.records[0])
-                parts = tuple(moved if p is part else p for p in parts)
-                places[part.effect.name] = place.at
+            parts = self._placed(best, place)
+            there = {id(p) for p in best.parts}
+            moved = [p for p in parts if id(p) not in there]
+            places |= {p.effect.name: place_now(self.seen, p) for p in moved}
+            stays = best.names == report.best.names and not moved
             try:
-                again = self.run(effects_at(places), self.simulate(parts), parts)
+                if stays:
+                    again = self.run(effects_at(places), found.corrected, found.parts)
+                else:
+                    self.releases = list(self.given)
+                    again = self.run(effects_at(places), self.simulate(parts), parts)
             except FAILURES:  # there it would have to be stronger than the beam bears
                 return found, None
             if again.trouble:
-                return found, None if place is None else place.untold()
+                break
             found = again
-        same = place is not None and found.report.best.names == best.names
-        return found, place if same or place is None else place.untold()
+            if found.report.best.names == best.names:
+                return found, place
+        return found, None if place is None else place.untold()
+
+    def _placed(self, best: Hypothesis, place: PlaceOnBeam | None) -> tuple[Part, ...]:
+        """Effects of an explanation on the beam, where all sensors have them."""
+        parts = self.structure.with_effects(best.parts)
+        movable = [p for p in parts if can_be_anywhere(p)]
+        if place is None or place.holds(place_now(self.seen, movable[0])):
+            return parts
+        (part,) = movable
+        moved = moved_to(self.seen, part, place.at, self.records[0])
+        return tuple(moved if p is part else p for p in parts)
 
     def asked(self, report: DiagnosisReport) -> list[Hypothesis]:
         """What the coordinate leaves of explanations, as far as a beam can have them."""
@@ -134,12 +147,12 @@ class BeamRounds(Rounds):
         """What all sensors say of explanations, and of none."""
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
-        found = [self._without(read)]
+        found: list[Tried | None] = [self._without(read, slack)]
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
-            found.append(self._tried(h, read))
+            found.append(self._tried(h, read, slack))
         tried = [t for t in found if t is not None]
-        weighed = weigh(self.seen, read, tried, slack)
+        weighed = self._weighed(tried, read)
         return dict(zip((t.names for t in tried), weighed, strict=True))
 
     def _read(self, record: Record, raw: Decay, calm: float) -> Readings:
@@ -149,32 +162,58 @@ class BeamRounds(Rounds):
         last = calm + _CYCLES * 2 * np.pi / record.rate
         return Readings.of(record, own, calm, last, self.options.floor)
 
-    def _tried(self, h: Hypothesis, read: Sequence[Readings]) -> Tried | None:
+    def _tried(self, h: Hypothesis, read: Sequence[Readings], slack: Latitude) -> Tried | None:
         """The beam with an explanation, at several points if it can be anywhere.
 
         None where it would have to be stronger than the beam bears.
         """
         parts = self.structure.with_effects(h.parts)
         movable = [p for p in parts if can_be_anywhere(p)]
-        anywhere = len(movable) == 1
-        at = points(self.seen.beam) if anywhere else []
-        elsewhere = [moved_to(self.seen, movable[0], x, self.records[0]) for x in at]
-        several = [tuple(m if p is movable[0] else p for p in parts) for m in elsewhere]
         try:
             starts = [self._start(i, parts) for i in range(len(read))]
+            if len(movable) != 1:
+                return Tried(_names(h), None, self._left([parts], starts, read, slack))
+            tried = self._at(points(self.seen.beam), h, starts, read, slack)
+            for _ in range(_FINER):  # what turns fast from point to point is no spline between
+                (place,) = (heard.place for heard in self._weighed([tried], read))
+                finer = [] if place is None else place.between(tried.points)
+                if not finer:
+                    break
+                tried = tried.joined(self._at(finer, h, starts, read, slack))
         except FAILURES:
             return None
-        tasks = [
-            delayed(_motion)(self.seen, there, *self._early(i, own), start)
-            for (i, own), start in zip(enumerate(read), starts, strict=True)
-            for there in several or [parts]
-        ]
-        n, found = len(several or [parts]), list(self.parallel(tasks))
-        borne = [j for j in range(n) if all(m is not None for m in found[j::n])]
-        if len(borne) < (_LEAST_POINTS if anywhere else 1):
-            return None
-        motions = [[found[n * i + j] for j in borne] for i in range(len(read))]
-        return Tried(_names(h), np.array(at)[borne] if anywhere else None, motions)
+        return tried
+
+    def _at(
+        self,
+        places: Sequence[float],
+        h: Hypothesis,
+        starts: Sequence[_Start],
+        read: Sequence[Readings],
+        slack: Latitude,
+    ) -> Tried:
+        """The beam with an effect that can be anywhere, at some points."""
+        parts = self.structure.with_effects(h.parts)
+        (part,) = (p for p in parts if can_be_anywhere(p))
+        moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
+        several = [tuple(m if p is part else p for p in parts) for m in moved]
+        return Tried(_names(h), np.array(places), self._left(several, starts, read, slack))
+
+    def _left(
+        self,
+        several: Sequence[Sequence[Part]],
+        starts: Sequence[_Start],
+        read: Sequence[Readings],
+        slack: Latitude,
+    ) -> Array:
+        """What beams with some parts each leave of the sensors, (m, n_several)."""
+        early = [self._early(i, own) for i, own in enumerate(read)]
+        tasks = (delayed(_left)(self.seen, p, early, starts, read, slack) for p in several)
+        return np.stack(list(self.parallel(tasks)), axis=1)
+
+    def _weighed(self, tried: Sequence[Tried], read: Sequence[Readings]) -> list[Heard]:
+        samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
+        return weigh(tried, samples, self.seen.beam.length)
 
     def _start(
         self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None
@@ -193,19 +232,17 @@ class BeamRounds(Rounds):
     def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
         return self.records[i].until(float(read.t[-1])), self.raw[i]
 
-    def _without(self, read: Sequence[Readings]) -> Tried | None:
+    def _without(self, read: Sequence[Readings], slack: Latitude) -> Tried:
         """The beam as it is, along the first mode as that was measured."""
         motions = []
         for i, own in enumerate(read):
             smooth = self.smooth[i]
             q, q_dot = smooth.motion.start
             begin = self._start(i, (), (float(q), float(q_dot)))
-            motion = _motion(self.seen, (), *self._early(i, own), begin)
-            if motion is None:
-                return None
+            motion = _motion(self.seen, self.seen.beam, *self._early(i, own), begin)
             measured = smooth.spline(smooth.t[: len(own.t)])[0]
-            motions.append([followed(self.seen, own.t, motion, measured)])
-        return Tried(frozenset(), None, motions)
+            motions.append(followed(self.seen, own.t, motion, measured))
+        return Tried(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
 
 
 def _names(h: Hypothesis) -> Names:
@@ -217,21 +254,28 @@ def _beyond_best(heard: Mapping[Names, Heard]) -> dict[Names, float]:
     return {names: h.misfit - least for names, h in heard.items()}
 
 
-def _motion(
+def _left(
     seen: InstrumentedBeam,
     parts: Sequence[Part],
-    record: Record,
-    decay: Decay,
-    start: _Start,
-) -> Motion | None:
-    """What sensors read of a beam with some parts; None where it bears them not."""
-    try:
-        beam = beam_with(seen.beam, parts)
-        fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
-        usual, more = (
-            simulated(seen, beam, record, decay, start.state, r, fastest)[record.derivative]
-            for r in (start.release, start.more)
-        )
-    except FAILURES:
-        return None
+    early: Sequence[tuple[Record, Decay]],
+    starts: Sequence[_Start],
+    read: Sequence[Readings],
+    slack: Latitude,
+) -> Array:
+    """What a beam with some parts leaves of the sensors in all records, (m,)."""
+    beam = beam_with(seen.beam, parts)
+    pairs = zip(early, starts, strict=True)
+    motions = [_motion(seen, beam, *own, start) for own, start in pairs]
+    return left_of(seen, read, motions, slack)
+
+
+def _motion(
+    seen: InstrumentedBeam, beam: Beam, record: Record, decay: Decay, start: _Start
+) -> Motion:
+    """What sensors read of a beam."""
+    fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
+    usual, more = (
+        simulated(seen, beam, record, decay, start.state, r, fastest)[record.derivative]
+        for r in (start.release, start.more)
+    )
     return Motion(usual, more - usual)

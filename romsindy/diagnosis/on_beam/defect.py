@@ -41,6 +41,7 @@ _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mod
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
 _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differences
 _TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
+_CYCLES = 3  # from which the release is read: noise hides in one what rings a little
 _ROUNDS = 2  # of reading the release: the motion is nearly linear in the higher modes
 
 
@@ -73,7 +74,7 @@ def read_release(
     n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
     """
     (q, q_dot), (forces, omega) = start, _modal_forces(beam, dt)
-    n = min(int(2 * np.pi / omega / dt) + 1, len(measured))
+    n = min(int(_CYCLES * 2 * np.pi / omega / dt) + 1, len(measured))
     # Without noise there is nothing to weigh, and nothing to divide by.
     least = 1e-9 * float(np.abs(measured).max())
     noise = np.maximum([noise_std(y) for y in measured.T], least)

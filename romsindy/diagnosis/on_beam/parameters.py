@@ -29,7 +29,7 @@ _LEAST = 1e-12  # an effect that must be positive, and is zero
 POSITIONS = ("sensor_positions", "anchor_x", "anchor_y")
 # Parts of the length over which an effect is looked for, at so many points: nearer to a support
 # nothing moves.
-_WITH_FREE_END, _BETWEEN, _POINTS = (0.25, 1.0), (0.15, 0.85), 9
+_WITH_FREE_END, _BETWEEN, _POINTS = (0.25, 1.0), (0.2, 0.8), 7
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 

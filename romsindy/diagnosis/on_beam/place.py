@@ -16,13 +16,7 @@ from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import PLACE
-
-_FINE = 301
-_NEW = 1e-9  # of a column beside others
-_GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
-# Relative standard deviation of the frequency of the second mode, at the least; errors of a mesh, of
-# steps in time and of small masses grow with the frequency. The same of the damping.
-_FREQUENCY, _DAMPING = 5e-4, 0.05
+from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
@@ -52,6 +46,14 @@ class PlaceOnBeam:
     def holds(self, at: float) -> bool:
         """Whether an effect may act at a point, m."""
         return self.low <= at <= self.high
+
+    def between(self, known: Array) -> list[float]:
+        """Points to look at, beside those that are ``known``, where these are too far apart."""
+        i = int(np.clip(np.searchsorted(known, self.at), 1, len(known) - 1))
+        apart = float(known[i] - known[i - 1])
+        if self.high - self.low > apart:
+            return []
+        return [x for x in (self.at - apart / 4, self.at + apart / 4) if known[0] < x < known[-1]]
 
     def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""
