@@ -36,6 +36,7 @@ from romsindy.diagnosis.on_beam.place import (
     can_be_anywhere,
     moved_to,
     place_now,
+    with_error_of_place,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.diagnosis.report import DiagnosisReport
@@ -118,8 +119,17 @@ class BeamRounds(Rounds):
                 break
             found = again
             if found.report.best.names == best.names:
-                return found, place
+                return self._with_error(found, place), place
         return found, None if place is None else place.untold()
+
+    def _with_error(self, found: Outcome, place: PlaceOnBeam | None) -> Outcome:
+        """The same with the error of its place in its strength."""
+        if place is None:
+            return found
+        report = found.report
+        best = with_error_of_place(self.seen, report.best, place, self.records[0])
+        rivals = tuple(best if h is report.best else h for h in report.rivals)
+        return found._replace(report=replace(report, best=best, rivals=rivals))
 
     def _placed(self, best: Hypothesis, place: PlaceOnBeam | None) -> tuple[Part, ...]:
         """Effects of an explanation on the beam, where all sensors have them."""

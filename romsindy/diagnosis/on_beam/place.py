@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
 from romsindy.effects.base import State
 from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.kernel.linear_response import sampled
-from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.part import Part, Solution
 from romsindy.fit.records.record import Record
-from romsindy.fit.verdict import PLACE
+from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
+
+_ERRORS = PLACE_RISE**0.5  # standard errors to either side of a place that are told
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class PlaceOnBeam:
     at : float
         The likeliest point.
     low, high : float
-        Three standard errors to either side.
+        `_ERRORS` standard errors to either side.
     length : float
         Of the beam.
     """
@@ -104,3 +107,36 @@ def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> P
 def _lift(seen: InstrumentedBeam, at: float | None) -> float:
     """Transverse size of the first mode at a point."""
     return float(np.vdot(seen.beam.point_load((0.0, 1.0), at=at), seen.basis.shape(1)))
+
+
+@dataclass(frozen=True)
+class NearPlace:
+    """What a fit says of its values, with the error of the place where one of its effects acts."""
+
+    weighed: Any  # what it says of them at the place, a `Weighing`
+    own: slice  # values of that effect
+    moved: Array  # what they change by where it acts a standard error farther
+
+    @property
+    def needed(self) -> Any:
+        return self.weighed.needed
+
+    def excess(self, noise: Any) -> float:
+        return float(self.weighed.excess(noise))
+
+    def solved(self, solution: Solution, noise: Any) -> Any:
+        found = self.weighed.solved(solution, noise)
+        covariance = found.covariance.copy()
+        covariance[self.own, self.own] += np.outer(self.moved, self.moved)
+        return found._replace(covariance=covariance)
+
+
+def with_error_of_place(
+    seen: InstrumentedBeam, best: Hypothesis, place: PlaceOnBeam, record: Record
+) -> Hypothesis:
+    """The same with errors of the values of its one effect that hold wherever it may act."""
+    rows = zip(best.parts, best.solution.slices(), strict=True)
+    part, own = next((p, own) for p, own in rows if can_be_anywhere(p) and np.any(p.strengths))
+    ends = [moved_to(seen, part, at, record).values for at in (place.low, place.high)]
+    moved = (ends[1] - ends[0]) / (2 * _ERRORS)
+    return replace(best, weighed=NearPlace(best.weighed, own, moved))
