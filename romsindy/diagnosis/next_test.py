@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,13 +93,21 @@ EXPERIMENTS = (
 )
 
 
+class Test(Protocol):
+    """What could be done next."""
+
+    @property
+    def cost(self) -> float:
+        """In repetitions of the largest release so far."""
+
+
 @dataclass(frozen=True)
 class Advice:
     """The test to make next.
 
     Attributes
     ----------
-    test : Experiment
+    test : Experiment or another test with a ``cost``
     action : str
         What to do, in words.
     odds : float
@@ -112,7 +121,7 @@ class Advice:
         What the effects themselves advise, for where no simulated test tells enough.
     """
 
-    test: Experiment
+    test: Test
     action: str
     odds: float
     rivals: tuple[str, ...]
@@ -310,7 +319,7 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
     return -weaker * np.sign(values[i]) * covariance[i] / std[i]
 
 
-_MOST_ODDS = 1000.0  # more depends on what no rival knows of
+MOST_ODDS = 1000.0  # more depends on what no rival knows of
 _RIVALS = 3
 _UNLIKELY = 0.1  # rivals that share so little of the weight may stay untold
 
@@ -346,7 +355,7 @@ def next_test(
     if test is None:
         return None
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
-    odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
+    odds = float(np.exp(min(value, np.log(MOST_ODDS))))
     names = tuple(titles(h) for h in rivals)
     own = [p.effect.advice for h in rivals for p in h.effects]
     otherwise = tuple(dict.fromkeys(words for words in own if words != Effect.advice))

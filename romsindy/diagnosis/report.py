@@ -323,10 +323,10 @@ class DiagnosisReport(BesideDecays, Explained):
 
     @property
     def sentence(self) -> str:
-        return "\n".join(self.lines(words.remainder(self.gap, self.left)))
+        return "\n".join(self.lines(words.remainder(self.gap, self.left), self.next_test))
 
-    def lines(self, left: str) -> list[str]:
-        """The lines of the finding, with what is left in other words."""
+    def lines(self, left: str, advice: Advice | None) -> list[str]:
+        """The lines of the finding, with what is left, and what to do next, of one's own."""
         lines = [
             *self._interrupted,
             self.opening,
@@ -334,8 +334,8 @@ class DiagnosisReport(BesideDecays, Explained):
             f"Left: {left}",
             *self._noted(self.notes),
         ]
-        if self.next_test is not None:
-            lines.append(f"Next: {self.next_test.sentence}")
+        if advice is not None:
+            lines.append(f"Next: {advice.sentence}")
         elif self.verdict == "named" and self.effects:
             lines.append(f"Next: {words.confirming(self.effects)}")
         return lines

@@ -35,6 +35,7 @@ class SensorError:
     before: float
     after: float
     part: float  # the rms afterwards, as a part of that of the response
+    noise: float  # standard deviation, unit of what it reads
 
 
 def sensor_errors(
@@ -47,7 +48,7 @@ def sensor_errors(
     noise = np.array([n.std for n in channel_noises(record, decay, _FLOOR)])
     left = [readings - c.readings[-len(readings) :] for c in both]
     before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
-    told = before / noise, after / noise, after / np.std(readings, axis=0)
+    told = before / noise, after / noise, after / np.std(readings, axis=0), noise
     return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
 
 

@@ -35,8 +35,8 @@ _FINE = 51  # places between two points
 _NEW = 1e-9  # of a column beside others
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
-# Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh, of
-# steps in time and of small masses grow with the frequency.
+# Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
+# of steps in time and of small masses grow with the frequency.
 _FREQUENCY = 5e-4
 
 
@@ -55,14 +55,24 @@ class Latitude:
         return np.concatenate([self.gains, pairs])
 
     @classmethod
-    def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Latitude:
-        """Latitude of a beam, given what it would be if each doubtful parameter were another."""
+    def of(
+        cls,
+        seen: InstrumentedBeam,
+        doubtful: Sequence[Beam],
+        damping: tuple[float, float],
+        gains: Array,
+    ) -> Latitude:
+        """Latitude of a beam, given what it would be if each doubtful parameter were another.
+
+        ``damping`` are standard deviations of alpha and eta, 1/s and s; zero where none is stated.
+        """
         count = seen.shapes.shape[1]
         omega = seen.basis.omega[:count]
         shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
         least = _FREQUENCY * omega / omega[min(1, count - 1)]
         frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
-        rates = SAME_DAMPING * (seen.beam.alpha + seen.beam.eta * omega**2) / 2
+        alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
+        rates = np.hypot(alpha, eta * omega**2) / 2
         return cls(np.hypot(_GAINS, gains), frequencies[1:], rates[1:])
 
 
@@ -156,7 +166,7 @@ class Heard(NamedTuple):
 def weigh(tried: Sequence[Tried], samples: int, length: float) -> list[Heard]:
     """What all sensors say of some explanations, by so many ``samples``, of a beam of a ``length``.
 
-    Where no explanation leaves noise alone, what the best leaves counts as noise.
+    Where none of them leaves noise alone, what the best leaves counts as noise.
     """
     profiles = [_profile(t) for t in tried]
     noise = max(min(float(x.min()) for _, x in profiles) / samples, 1.0)

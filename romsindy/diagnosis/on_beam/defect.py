@@ -5,7 +5,7 @@ with the same effects and from the same release, hardly depends on what is still
 taken off, a fit of the reduced model is one of the beam (defect correction, [1]).
 
 A beam that is pulled at a point or hit moves in all its modes, one that is held by a modal force
-almost in one. What the higher modes do in the first cycle tells which forces held and pushed it.
+almost in one. What the higher modes do in the first cycles tells which forces held and pushed it.
 
 [1] H. Stetter, The defect correction principle and discretization methods, Numer. Math. 29 (1978).
 """
@@ -65,9 +65,9 @@ def read_release(
 ) -> ReleaseLoad:
     """Find the loads that held a beam until it was let go, and that pushed it.
 
-    Each is a sum of modal forces. Beside their ratios an error of the amplitude, one of the
-    frequency and, for a beam that moves, one of the time are fitted, so that what the beam lacks is
-    not taken for a part of the release.
+    Each is a sum of modal forces. Beside their ratios errors of the amplitude, of the damping and
+    the frequency and, for a beam that moves, one of the time are fitted, so that what the beam
+    lacks is not taken for a part of the release.
 
     The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
     the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
@@ -93,7 +93,7 @@ def read_release(
         steps = _STEP * np.eye(len(ratios))[unknown]
         changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
         rate = np.gradient(here, dt, axis=0)
-        columns = [*changes, here, t * rate, *([rate] if unknown[-1] else [])]
+        columns = [*changes, here, t * here, t * rate, *([rate] if unknown[-1] else [])]
         matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
         found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)

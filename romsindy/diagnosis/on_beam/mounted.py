@@ -182,7 +182,7 @@ def _at_rest(curve: StaticCurve, mounting: Mounting) -> Point:
 class DampingEffect(BeamEffect):
     """A change of the beam's own damping; its force is a difference of two beams.
 
-    ``change`` is one of `romsindy.beam.changes`, in one number.
+    ``change`` is one of `romsindy.beam.changes`, in one number: no less than takes away all.
     """
 
     curve: StaticCurve
@@ -191,6 +191,7 @@ class DampingEffect(BeamEffect):
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
+    least: float  # type: ignore[misc]
     tolerance: float | None = None  # type: ignore[misc]
 
     family = "damping"

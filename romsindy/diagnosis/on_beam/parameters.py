@@ -132,10 +132,11 @@ def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     by_mass = "other damping in proportion to mass (alpha) than assumed"
     by_stiffness = "other damping in proportion to stiffness (eta) than assumed"
     longer, second = "a longer decay from a larger amplitude", "a second mode: it damps that more"
+    alpha, eta = -curve.beam.alpha, -curve.beam.eta
     return (
-        DampingEffect(curve, changes.MassDamping, "mass_damping", by_mass, "1/s", longer),
+        DampingEffect(curve, changes.MassDamping, "mass_damping", by_mass, "1/s", longer, alpha),
         DampingEffect(
-            curve, changes.MaterialDamping, "material_damping", by_stiffness, "s", second
+            curve, changes.MaterialDamping, "material_damping", by_stiffness, "s", second, eta
         ),
     )
 

@@ -11,7 +11,9 @@ import numpy as np
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.next_release import linear, next_release
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
@@ -34,12 +36,15 @@ class BeamReport(StructureReport):
         Sensors that were left out.
     seen : InstrumentedBeam
         The beam as it was, with the sensors that were used.
+    slack : Latitude
+        What the sensors and the higher modes may do beside what is simulated.
     place : PlaceOnBeam or None
         Where the effect acts, if it is one that can be anywhere.
     """
 
     faults: tuple[SensorFault, ...]
     seen: InstrumentedBeam
+    slack: Latitude
     place: PlaceOnBeam | None = None
 
     @property
@@ -72,21 +77,26 @@ class BeamReport(StructureReport):
     def next_test(self) -> Advice | None:
         """The test that would best tell apart what these data do not; None where none is needed.
 
-        Its amplitude is that of the sensor that moves most.
+        What does the same to the first mode at any amplitude other modes tell apart: a release that
+        rings them. Amplitudes are those of the sensor that moves most.
         """
+        rivals, largest = self.reduced.rivals, max(self.reduced.records, key=lambda r: r.amplitude)
+        noise = np.array([e.noise for e in self.sensor_errors])
+        alike = all(h.effects and linear(h.effects) for h in rivals)
+        if self.verdict == "ambiguous" and len(rivals) > 1 and alike and len(noise):
+            return next_release(self.seen, rivals, largest, noise, self.slack)
         advice = self.reduced.next_test
         if advice is None:
             return None
         shape, labels = np.abs(self.seen.shapes[:, 0]), self.seen.sensors.labels
-        largest = shape.max() * max(record.amplitude for record in self.reduced.records)
-        where = labels[int(np.argmax(shape))]
-        return replace(advice, action=advice.test.action(largest, f"m in {where}"))
+        size, where = shape.max() * largest.amplitude, labels[int(np.argmax(shape))]
+        return replace(advice, action=advice.test.action(size, f"m in {where}"))
 
     @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
-        lines += self.reduced.lines(self._left)
+        lines += self.reduced.lines(self._left, self.next_test)
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_there:

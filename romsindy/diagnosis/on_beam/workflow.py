@@ -118,7 +118,8 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
+    damping = near.get("mass_damping", 0.0), near.get("material_damping", 0.0)
+    slack = Latitude.of(seen, doubtful, damping, position_gains(seen, off or 0.0))
     found, place = rounds.over_all_sensors(rounds.run(effects, before), effects_at, slack)
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
@@ -130,6 +131,7 @@ def diagnose_beam(
         trouble=found.trouble,
         faults=faults,
         seen=whole,
+        slack=slack,
         place=place,
     )
 

@@ -82,7 +82,7 @@ class SimulatorReport(StructureReport):
     def sentence(self) -> str:
         """The finding in words, what was done to the simulator last."""
         name = self.seen.simulator.name
-        lines = [*self.reduced.lines(self._left), self._asked]
+        lines = [*self.reduced.lines(self._left, self.next_test), self._asked]
         if self.trouble:
             lines.append(f"With this the simulator gave no motion: {self.trouble}.")
         added = [f"{k} = {v:.6g}" for k, v in self._changed.items()]
