@@ -404,7 +404,7 @@ def _drag(beam: ExudynBeam, force: Force) -> None:
 
     def pull(mbs, t, number, q, q_dot):
         moved = np.zeros(n)
-        moved[1::3] = c * lengths * np.abs(q_dot[1::3]) * q_dot[1::3]
+        moved[1::3] = -c * lengths * np.abs(q_dot[1::3]) * q_dot[1::3]  # on the right-hand side
         return moved
 
     beam.mbs.AddObject(
