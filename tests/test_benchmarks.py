@@ -352,20 +352,8 @@ def test_witness_of_the_beam_trials(benchmark):
     spring = Spring(24.4, 0.097, 1.51)
     damper = benchmark.Force("damper", 0.3, {"damping": 0.01})
     drag = benchmark.Force("drag", 0.45, {"coefficient": 0.03})
-    truth = benchmark.BeamTruth(
-        "cantilever",
-        0.45,
-        0.025,
-        0.001,
-        210e9,
-        7800.0,
-        0.37,
-        1e-5,
-        0.0008,
-        spring,
-        0.0,
-        (damper, drag),
-    )
+    strip = ("cantilever", 0.45, 0.025, 0.001, 210e9, 7800.0, 0.37, 1e-5, 0.0008, spring)
+    truth = benchmark.BeamTruth(*strip, forces=(damper, drag))
     other, moving = (benchmark.ExudynBeam(truth, 24, still) for still in (True, False))
     rest = other.static()
     omega, _, pattern = other.mode(rest)
