@@ -83,7 +83,7 @@ def percent(part: float) -> str:
 
 def left_over(part: float, times: float) -> str:
     """What is left: as a part of the response, and what that is over the noise."""
-    return f"{percent(part)} of the response, {times:.3g} times the noise"
+    return f"{percent(part)} of the response, {float(f'{times:.3g}'):.10g} times the noise"
 
 
 def two_digits(value: float) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
+from romsindy.diagnosis.family import Family
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.structure import Corrected, channel_noises
@@ -92,6 +93,11 @@ class StructureReport(Written):
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
         return self.reduced.equivalent
+
+    @property
+    def family(self) -> Family | None:
+        """What the data do not tell apart, as one answer, where all of it does the same."""
+        return self.reduced.family
 
     @property
     @abstractmethod
