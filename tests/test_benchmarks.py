@@ -346,21 +346,34 @@ def test_small_benchmark_of_forced_diagnosis(benchmark):
 
 @benchmark_of("exudyn_beam")
 def test_witness_of_the_beam_trials(benchmark):
-    """Two codes that share no line agree: frequency, release, and 0.2 s of motion with a damper."""
+    """Two codes that share no line agree: frequency, release, and 0.2 s with damper and drag."""
     from beam_truth import Spring
 
     from romsindy.beam import Beam
-    from romsindy.effects import AtPoint, Damper
+    from romsindy.effects import AirDrag, AtPoint, Damper
 
     spring = Spring(24.4, 0.097, 1.51)
     damper = benchmark.Force("damper", 0.3, {"damping": 0.01})
+    drag = benchmark.Force("drag", 0.45, {"coefficient": 0.03})
     truth = benchmark.BeamTruth(
-        "cantilever", 0.45, 0.025, 0.001, 210e9, 7800.0, 0.37, 1e-5, 0.0008, spring, 0.0, (damper,)
+        "cantilever",
+        0.45,
+        0.025,
+        0.001,
+        210e9,
+        7800.0,
+        0.37,
+        1e-5,
+        0.0008,
+        spring,
+        0.0,
+        (damper, drag),
     )
     other, moving = (benchmark.ExudynBeam(truth, 24, still) for still in (True, False))
     rest = other.static()
     omega, _, pattern = other.mode(rest)
     beam = Beam.cantilever(elements=12).with_effect(Damper().on_beam(0.01, AtPoint(0.3)))
+    beam = beam.with_effect(AirDrag().on_beam(0.03))
     sensors = beam.sensors([0.2, 0.45])
     assert omega == pytest.approx(beam.modes(count=1).omega[0], rel=1e-5)  # 24 and 12 elements
     start = other.held_at(pattern, len(other.x) - 1, 0.1, rest)

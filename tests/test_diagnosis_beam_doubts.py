@@ -12,10 +12,17 @@ import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
 from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
+from romsindy.diagnosis.on_beam.all_sensors import (
+    Latitude,
+    Motion,
+    Readings,
+    Tried,
+    left_of,
+    weigh,
+)
 from romsindy.diagnosis.on_beam.defect import read_release
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.parameters import parameter_effects, points, standard_deviations
-from romsindy.diagnosis.on_beam.place import Latitude, find_place
 from romsindy.diagnosis.on_beam.within_tolerances import (
     adjusted,
     beam_with,
@@ -235,30 +242,37 @@ def test_a_beam_that_cannot_be_has_no_equilibrium(own):
 # -- where ---------------------------------------------------------------------------------------
 
 
-def test_a_damper_is_found_where_it_is():
-    """A pull at the tip rings the second mode, which dies as the damper's place says."""
-    length, duration = BEAM.length, 1.2
+def pulled(at, mode=None):
+    """What sensors read of a beam with a damper that does the same to the first mode anywhere."""
+    shape = BEAM.modes(count=1).shapes[0]
+    lift = np.vdot(BEAM.point_load((0.0, 1.0), at=at), shape)
+    beam = BEAM.with_effect(Damper().on_beam(0.4 / lift**2, AtPoint(at)))
+    release = beam.release_shape(0.08, mode=mode)
+    return SEEN.sensors.measure(
+        beam.simulate(release, 1.2, STEP, sensors=SEEN.sensors, progress=False)
+    )
 
-    def read(at):
-        # As strong as to do the same to the first mode.
-        shape = BEAM.modes(count=1).shapes[0]
-        lift = np.vdot(BEAM.point_load((0.0, 1.0), at=at), shape)
-        damper = Damper().on_beam(0.4 / lift**2, AtPoint(at))
-        beam = BEAM.with_effect(damper)
-        motion = beam.simulate(
-            beam.release_shape(0.08), duration, STEP, sensors=SEEN.sensors, progress=False
-        )
-        return SEEN.sensors.measure(motion)
 
-    tried = [read(at) for at in points(BEAM)]
-    measured = with_noise(read(0.62 * length), 35, 0)
+def heard(measured):
+    """Where all sensors have the damper, and how likely none is beside it."""
     t = STEP * np.arange(len(measured))
     record = Record.of(rs.Decay(t, SEEN.coordinate(measured), unit="kg^0.5 m"), 2e-4)
-    slack = Latitude.of(SEEN, (), np.zeros(5))
-    place = find_place(SEEN, [record], [measured], [tried], slack)
+    read = [Readings.of(record, rs.Decay(t, measured), 0.0, 2.0, 2e-4)]
+    slack = Latitude.of(SEEN, (), (0.0, 0.0), np.zeros(5))
+    at = points(BEAM)
+    # More of the second mode is what a pull has beyond the force of the first.
+    motions = [Motion(x := pulled(a), x - pulled(a, mode=1)) for a in at]
+    left = np.stack([left_of(SEEN, read, [m], slack) for m in motions], axis=1)
+    (found,) = weigh([Tried(frozenset({"viscous"}), np.array(at), left)], 4 * len(t), BEAM.length)
+    return found.place
+
+
+def test_a_damper_is_found_where_it_is():
+    """A pull at the tip rings the second mode, which dies as the damper's place says."""
+    length = BEAM.length
+    measured = with_noise(pulled(0.62 * length), 45, 0)
+    place = heard(measured)
     assert place.told and abs(place.at - 0.62 * length) < 0.05 * length
     assert BEAM.right == FREE and f"{place.at:.3g} m" in str(place)
     # Noise as loud as the second mode leaves nothing to tell.
-    loud = with_noise(measured, 3, 1)
-    record = Record.of(rs.Decay(t, SEEN.coordinate(loud), unit="kg^0.5 m"), 2e-4)
-    assert not find_place(SEEN, [record], [loud], [tried], slack).told
+    assert not heard(with_noise(measured, 3, 1)).told

@@ -14,6 +14,7 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, Extrapolation
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.effects import (
     CubicStiffness,
@@ -159,7 +160,10 @@ def test_where_nothing_explains_the_data_the_test_shows_what_comes_nearest():
 def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     beam = Beam.cantilever()
     seen = InstrumentedBeam(beam, beam.sensors([0.2, 0.45]))
-    found = BeamReport(reduced=report(damping), faults=(), seen=seen, parts=(), sensor_errors=())
+    slack = Latitude.of(seen, (), (0.0, 0.0), np.zeros(2))
+    found = BeamReport(
+        reduced=report(damping), faults=(), seen=seen, parts=(), sensor_errors=(), slack=slack
+    )
     tip = beam.modes(count=1).shapes[0][-1, 1]  # m for a coordinate of 1
     advice = found.next_test
     assert advice.odds == report(damping).next_test.odds

@@ -34,6 +34,8 @@ from romsindy.typing import Array
 _FINE = 51  # places between two points
 _NEW = 1e-9  # of a column beside others
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
+# Standard deviations of a first mode that follows the coordinate: rad, and as a part of it
+_PHASE, _SIZE = 0.02, 0.01
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
 # of steps in time and of small masses grow with the frequency.
@@ -268,23 +270,25 @@ class Ringing:
     def columns(self, off: Array, more: Array) -> Columns:
         """What is left where modes are off, (2 n_higher,), and rang ``more`` than was thought.
 
-        Errors of the phase and the amplitude of the first mode, and what the release may be, are
-        taken off.
+        What the release may be is taken off; errors of the phase and the size of the first mode
+        count as noise.
         """
         t, shapes = self.read.t, self.seen.shapes[:, 1:].T
         turn = np.exp(t[:, None] * (1j * self.omega * off[::2] - off[1::2]))
         rung, ring = self.rung * turn, self.more * turn
         whole = rung + more * ring
         moved = self.motion.readings + (rung - self.rung).real @ shapes
-        share, rate = (t / t[-1])[:, None], np.gradient(self.slaved, t, axis=0)
-        first = [rate, share * rate, share**2 * rate, self.slaved, share * self.slaved]
+        share = (t / t[-1])[:, None]
+        later = np.gradient(self.slaved, t, axis=0) * _PHASE / self.seen.basis.omega[0]
+        larger = self.slaved * _SIZE
+        first = [later, share * later, share**2 * later, larger, share * larger]
         free, own = [], [np.outer(y, e) for y, e in zip(moved.T, np.eye(len(moved.T)), strict=True)]
         for k, shape in enumerate(shapes):
             by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
             own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]
             free += [np.outer(x, shape) for x in (ring[:, k].real, -ring[:, k].imag)]
         table = self._over_noise([self.read.measured - moved, *own, *free])
-        table = _without(table, _orthonormal(self._over_noise(first)))
+        table = _with_errors(table, self._over_noise(first))
         n, release = 1 + len(own), table[:, 1 + len(own) :]
         known = _without(table[:, :n], _orthonormal(release))
         return Columns(known[:, 0], known[:, 1:], release, table[:, 0], table[:, 1:n])
@@ -300,6 +304,12 @@ def _rotating(x: Array, t: Array) -> Array:
     # Differences of few samples a cycle are too small, in the right phase.
     size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)
     return np.asarray(x - 1j * turned * size)
+
+
+def _with_errors(table: Array, errors: Array) -> Array:
+    """Columns made white again where errors, each a standard deviation, add to the noise."""
+    u, size, _ = np.linalg.svd(errors, full_matrices=False)
+    return np.asarray(table - u @ ((1 - 1 / np.sqrt(1 + size**2))[:, None] * (u.T @ table)))
 
 
 def _without(table: Array, basis: Array) -> Array:

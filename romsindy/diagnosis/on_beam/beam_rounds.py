@@ -119,17 +119,19 @@ class BeamRounds(Rounds):
                 break
             found = again
             if found.report.best.names == best.names:
-                return self._with_error(found, place), place
+                return self._with_error(found, place)
         return found, None if place is None else place.untold()
 
-    def _with_error(self, found: Outcome, place: PlaceOnBeam | None) -> Outcome:
+    def _with_error(
+        self, found: Outcome, place: PlaceOnBeam | None
+    ) -> tuple[Outcome, PlaceOnBeam | None]:
         """The same with the error of its place in its strength."""
         if place is None:
-            return found
+            return found, None
         report = found.report
-        best = with_error_of_place(self.seen, report.best, place, self.records[0])
+        best, place = with_error_of_place(self.seen, report.best, place, self.records[0])
         rivals = tuple(best if h is report.best else h for h in report.rivals)
-        return found._replace(report=replace(report, best=best, rivals=rivals))
+        return found._replace(report=replace(report, best=best, rivals=rivals)), place
 
     def _placed(self, best: Hypothesis, place: PlaceOnBeam | None) -> tuple[Part, ...]:
         """Effects of an explanation on the beam, where all sensors have them."""

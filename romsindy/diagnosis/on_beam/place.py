@@ -34,12 +34,15 @@ class PlaceOnBeam:
         `_ERRORS` standard errors to either side.
     length : float
         Of the beam.
+    strengths : tuple of float
+        Of the effect, were it at ``low`` and at ``high``; empty where it was not found again.
     """
 
     at: float
     low: float
     high: float
     length: float
+    strengths: tuple[float, ...] = ()
 
     @property
     def told(self) -> bool:
@@ -60,12 +63,15 @@ class PlaceOnBeam:
 
     def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""
-        return replace(self, low=0.0, high=self.length)
+        return replace(self, low=0.0, high=self.length, strengths=())
 
     def __str__(self) -> str:
-        if not self.told:
+        if self.told:
+            return f"it acts at {self.at:.3g} m ({self.low:.3g} to {self.high:.3g} m)"
+        if not self.strengths:
             return "these data cannot tell where on the beam it acts"
-        return f"it acts at {self.at:.3g} m ({self.low:.3g} to {self.high:.3g} m)"
+        there = " to ".join(f"{x:.2g}" for x in self.strengths)
+        return f"between {self.low:.2g} and {self.high:.2g} m, as strong as {there} there"
 
 
 def can_be_anywhere(part: Part) -> bool:
@@ -133,10 +139,17 @@ class NearPlace:
 
 def with_error_of_place(
     seen: InstrumentedBeam, best: Hypothesis, place: PlaceOnBeam, record: Record
-) -> Hypothesis:
-    """The same with errors of the values of its one effect that hold wherever it may act."""
+) -> tuple[Hypothesis, PlaceOnBeam]:
+    """The same with errors of the values of its one effect that hold wherever it may act.
+
+    Where the place is not told they are those at the place that was taken, and the place says how
+    strong the effect is at its ends.
+    """
     rows = zip(best.parts, best.solution.slices(), strict=True)
     part, own = next((p, own) for p, own in rows if can_be_anywhere(p) and np.any(p.strengths))
-    ends = [moved_to(seen, part, at, record).values for at in (place.low, place.high)]
-    moved = (ends[1] - ends[0]) / (2 * _ERRORS)
-    return replace(best, weighed=NearPlace(best.weighed, own, moved))
+    low, high = (moved_to(seen, part, at, record).values for at in (place.low, place.high))
+    place = replace(place, strengths=(float(low[0]), float(high[0])))
+    if not place.told:
+        return best, place
+    moved = (high - low) / (2 * _ERRORS)
+    return replace(best, weighed=NearPlace(best.weighed, own, moved)), place
