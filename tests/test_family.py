@@ -11,13 +11,13 @@ import pytest
 import romsindy as rs
 from romsindy.beam import Beam, Section
 from romsindy.beam.motion import Sensor
-from romsindy.diagnosis.family import Family, small_vibration
+from romsindy.diagnosis.family import EffectFamily, small_vibration
 from romsindy.diagnosis.found import effects_of
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
-from romsindy.diagnosis.on_beam.report import in_interval
+from romsindy.diagnosis.on_beam.report import BeamReport, in_interval
 from romsindy.effects import Damper, Hum, Hysteretic, LinearFrequency, MoreMass, Viscous
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
@@ -43,6 +43,7 @@ def said(*parts, errors=None):
     return SimpleNamespace(
         parts=parts,
         names=tuple(p.effect.name for p in parts),
+        effects=parts,
         blamed=tuple(range(len(parts))),
         covariance=np.diag(errors**2),
         score=0.0,
@@ -70,7 +71,7 @@ def test_small_vibrations_are_those_of_the_linear_equation(record, effect, stren
 def test_effects_that_do_the_same_are_one_answer(record):
     """By hand: 0.42 over 2 omega is 0.0070 in the place of 0.0050, 40 % more."""
     damper, loop = part(Viscous(), 0.12), part(Hysteretic(), 0.12 * np.pi * OMEGA / 2)
-    family = Family.of([said(loop, errors=[0.6]), said(damper)], MODEL, record, 1.0)
+    family = EffectFamily.of([said(loop, errors=[0.6]), said(damper)], MODEL, record, 1.0)
     assert family.members == ("viscous", "hysteretic")
     assert family.size == pytest.approx(0.4, rel=1e-3)
     text = family.in_words("odds 50 : 1")
@@ -83,23 +84,27 @@ def test_effects_that_do_the_same_are_one_answer(record):
     assert rest.endswith("; a mode that rings beside the first would tell them apart")
     mass = said(part(MoreMass(), 0.01), errors=[1e-4])
     stiffness = said(part(LinearFrequency(), -9.0))
-    heavier = Family.of([mass, stiffness], MODEL, record, 1.0)
+    heavier = EffectFamily.of([mass, stiffness], MODEL, record, 1.0)
     assert heavier.size == pytest.approx(1.01**-0.5 - 1, rel=1e-6)
     assert heavier.in_words().startswith(
         "linear frequency 0.4963 +- 0.0049 % lower than assumed (4.751 instead of 4.775 Hz): "
     )
-    assert Family.of([said(damper)], MODEL, record, 1.0) is None
-    assert Family.of([said(damper), mass], MODEL, record, 1.0) is None
+    assert EffectFamily.of([said(damper)], MODEL, record, 1.0) is None
+    assert EffectFamily.of([said(damper), mass], MODEL, record, 1.0) is None
     both = said(damper, part(MoreMass(), 0.01))
-    assert Family.of([said(damper), both], MODEL, record, 1.0) is None
+    assert EffectFamily.of([said(damper), both], MODEL, record, 1.0) is None
 
 
-def test_a_beam_has_the_damping_of_its_changes():
-    """Rayleigh: alpha adds alpha / 2 omega, eta adds eta omega / 2; a damper c phi^2 / 2 omega."""
+@pytest.fixture(scope="module")
+def seen():
     section = Section.rectangle(0.025, 0.001, 210e9, 7800.0)
     beam = Beam(0.45, section, 8, alpha=0.4, gravity=(0.0, 0.0))
-    seen = InstrumentedBeam(beam, beam.sensors([Sensor(x) for x in (0.2, 0.3, 0.45)]))
-    curve, omega = seen.curve(0.01), float(seen.basis.omega[0])
+    return InstrumentedBeam(beam, beam.sensors([Sensor(x) for x in (0.2, 0.3, 0.45)]))
+
+
+def test_a_beam_has_the_damping_of_its_changes(seen):
+    """Rayleigh: alpha adds alpha / 2 omega, eta adds eta omega / 2; a damper c phi^2 / 2 omega."""
+    beam, curve, omega = seen.beam, seen.curve(0.01), float(seen.basis.omega[0])
     model = rs.ReducedModel.from_coefficients({"omega^2": omega**2, "c_linear": beam.alpha})
     t = np.arange(0, 4, 4e-3)
     q = 0.01 * np.exp(-beam.alpha / 2 * t) * np.cos(omega * t)
@@ -119,6 +124,28 @@ def test_a_beam_has_the_damping_of_its_changes():
     readings = seen.readings(beam, 0.01, 0.5, 4e-3)
     assert seen.shown.sensor == "y(0.45)" and seen.shown.unit == "mm"
     assert 1e-3 * seen.shown.per_q * 0.01 == pytest.approx(readings[0, -1], rel=0.02)
+
+
+def test_the_recipe_of_a_family_needs_no_place(seen):
+    """The damper is likeliest and was simulated; the material is what an engineer tries first."""
+    curve = seen.curve(0.01)
+    (damper,) = mounted_effects(curve, [Damper()], {"viscous": 0.2319})
+    point, whole = part(damper, 0.02), part(damping_effects(curve)[0], 0.1)
+    rivals = said(whole), said(point)
+    family = EffectFamily("linear damping", 0.005, 0.007, 1e-5, rivals)
+    given = {"parts": (point,), "faults": (), "sensor_errors": (), "slack": None, "seen": seen}
+    reduced = SimpleNamespace(family=family, best=rivals[1], verdict="ambiguous", effects=())
+    found = BeamReport(reduced=reduced, **given)
+    assert found.recipe.endswith("beam = beam.with_effect(MassDamping(change=0.1))")
+    assert found.model.alpha == pytest.approx(0.5) and found.not_there == ()
+    alone = SimpleNamespace(**vars(reduced) | {"family": None})
+    at_point = BeamReport(reduced=alone, **given, place=PlaceOnBeam(0.2319, 0.2045, 0.2681, 0.45))
+    assert "AtPoint(at=0.2319" in at_point.recipe and at_point.model.alpha == 0.4
+    line = f"Missing: {damper.label}, 0.02 N s/m, or a stop at 0.232 m."
+    there = "at 0.23 m (0.20 to 0.27 m)"
+    assert at_point._placed(line) == (
+        f"Missing: {Damper.label} {there}, 0.02 N s/m, or a stop at 0.232 m."
+    )
 
 
 def test_hum_is_told_in_hertz(record):

@@ -15,13 +15,12 @@ from romsindy.commands.measurement import Selection, decays_in
 from romsindy.diagnosis import decay_search, diagnose
 from romsindy.diagnosis.arguments import shared_part
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
-from romsindy.diagnosis.gap import Shown
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
 from romsindy.fit.verdict import SHARED
-from romsindy.text import left_over
+from romsindy.text import Shown, left_over
 
 OMEGA, ZETA, RATE, NOISE = 2 * np.pi * 7, 0.005, 200, 2e-5
 CUBIC = 40 * OMEGA**2  # 1/(m^2 s^2)

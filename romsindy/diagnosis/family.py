@@ -42,7 +42,7 @@ _SAMPLES = 256  # of a turn
 
 
 @dataclass(frozen=True)
-class Family:
+class EffectFamily:
     """What the data do not tell apart, and what all of it does to the mode.
 
     Attributes
@@ -66,7 +66,7 @@ class Family:
     @classmethod
     def of(
         cls, rivals: Sequence[Hypothesis], model: ReducedModel, record: Record, growth: float
-    ) -> Family | None:
+    ) -> EffectFamily | None:
         """The family of rivals, the likeliest first; None where they are not of one.
 
         ``growth`` is how much larger errors are than the noise alone makes them.
@@ -115,7 +115,9 @@ class Family:
             size = f"{self.name} {share} % {way} than assumed"
         of = listed(list(dict.fromkeys(map(titles, self.rivals))), "or")
         both = "; ".join(filter(None, (both, odds)))
-        return f"{size} ({both}): {of}; a mode that rings beside the first would tell them apart"
+        # A density and a stiffness may go with all modes alike, not so kinds of damping.
+        would = "would" if self.name == DAMPING else "may"
+        return f"{size} ({both}): {of}; a mode that rings beside the first {would} tell them apart"
 
 
 def small_vibration(

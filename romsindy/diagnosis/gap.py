@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
-from romsindy.text import left_over, two_digits
+from romsindy.text import Shown, left_over
 from romsindy.typing import Array
 
 HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
@@ -89,24 +88,6 @@ class Prediction:
             return extract_backbone(Decay(self.record.t, signal, unit=unit, stage=stage))
         except ValueError:
             return None
-
-
-class Shown(NamedTuple):
-    """How amplitudes of the coordinate are told: in its unit, or as what a sensor reads."""
-
-    unit: str = "[q]"
-    per_q: float = 1.0
-    sensor: str = ""
-
-    def told(self, *amplitudes: float) -> str:
-        """One amplitude of the coordinate, or a range of them."""
-        sizes = " to ".join(two_digits(self.per_q * a) for a in amplitudes)
-        return f"{sizes} {self.unit}{self.at}"
-
-    @property
-    def at(self) -> str:
-        """Which sensor, in words."""
-        return f" at {self.sensor}" if self.sensor else ""
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
-from romsindy.diagnosis.family import Family
+from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _ADVICE = ("action", "odds", "cost", "rivals")
 _FAMILY = ("name", "size", "assumed", "found", "error", "members")
-_MEMBERS = ("one of them", "the others")  # as a test tells them apart
+_MEMBERS = ("one of the family", "the others")  # as a test tells them apart
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -63,7 +63,7 @@ class Explained(Written):
         return self._found(self.best)
 
     @property
-    def family(self) -> Family | None:
+    def family(self) -> EffectFamily | None:
         """What the data do not tell apart, as one answer; None where that is more than one."""
         return None
 
@@ -324,12 +324,12 @@ class DiagnosisReport(BesideDecays, Explained):
     whole: tuple[Difference, ...] = ()
 
     @cached_property
-    def family(self) -> Family | None:
+    def family(self) -> EffectFamily | None:
         """What the data do not tell apart, as one answer, where all of it does the same."""
         if self.verdict != "ambiguous":
             return None
         growth = self.best.growth(self.remainder.ratio)
-        return Family.of(self.rivals, self.nominal, self.records[0], growth)
+        return EffectFamily.of(self.rivals, self.nominal, self.records[0], growth)
 
     @property
     def left(self) -> Left:
@@ -418,7 +418,7 @@ class DiagnosisReport(BesideDecays, Explained):
             **self._explanations(),
             "left": self.left,
             "family": None if family is None else {k: getattr(family, k) for k in _FAMILY},
-            "next": None if advice is None else {k: getattr(advice, k) for k in _ADVICE},
+            "next": None if advice is None else in_json(advice),
         }
 
     def pictures(self) -> dict[str, Picture]:
@@ -432,6 +432,11 @@ class DiagnosisReport(BesideDecays, Explained):
 
     def page(self) -> dict[str, Any]:
         return {**super().page(), "formula": self.model.latex_terms()}
+
+
+def in_json(advice: Advice) -> dict[str, Any]:
+    """What JSON says of the next test."""
+    return {k: getattr(advice, k) for k in _ADVICE}
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from romsindy.diagnosis.difference import DEFAULT, KINDS, WIDEST, Difference, Tolerance
 from romsindy.diagnosis.found import FoundEffect
-from romsindy.diagnosis.gap import Gap, Shown
+from romsindy.diagnosis.gap import Gap
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.text import left_over, listed, percent, two_digits
+from romsindy.text import Shown, left_over, listed, percent, two_digits
 
 _SOURCES = {
     DEFAULT: "{} would not matter",

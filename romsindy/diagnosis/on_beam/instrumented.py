@@ -14,10 +14,10 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import ModalBasis, Shape, hold
 from romsindy.beam.motion import History, SensorArray
 from romsindy.beam.static_shapes import StaticCurve
-from romsindy.diagnosis.gap import Shown
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
 from romsindy.record.units import parse_unit
+from romsindy.text import Shown
 from romsindy.typing import Array
 
 UNIT = "kg^0.5 m"
