@@ -71,7 +71,8 @@ def test_small_vibrations_are_those_of_the_linear_equation(record, effect, stren
 def test_effects_that_do_the_same_are_one_answer(record):
     """By hand: 0.42 over 2 omega is 0.0070 in the place of 0.0050, 40 % more."""
     damper, loop = part(Viscous(), 0.12), part(Hysteretic(), 0.12 * np.pi * OMEGA / 2)
-    family = EffectFamily.of([said(loop, errors=[0.6]), said(damper)], MODEL, record, 1.0)
+    rivals = [said(loop, errors=[0.6]), said(damper, errors=[0.5])]
+    family = EffectFamily.of(rivals, MODEL, record, 1.0)
     assert family.members == ("viscous", "hysteretic")
     assert family.size == pytest.approx(0.4, rel=1e-3)
     text = family.in_words("odds 50 : 1")
@@ -83,7 +84,7 @@ def test_effects_that_do_the_same_are_one_answer(record):
     )
     assert rest.endswith("; a mode that rings beside the first would tell them apart")
     mass = said(part(MoreMass(), 0.01), errors=[1e-4])
-    stiffness = said(part(LinearFrequency(), -9.0))
+    stiffness = said(part(LinearFrequency(), -9.0), errors=[5.0])
     heavier = EffectFamily.of([mass, stiffness], MODEL, record, 1.0)
     assert heavier.size == pytest.approx(1.01**-0.5 - 1, rel=1e-6)
     assert heavier.in_words().startswith(

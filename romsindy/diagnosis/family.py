@@ -52,7 +52,7 @@ class EffectFamily:
         Damping ratio, or frequency in Hz, of small vibrations: of the simulation, and with what is
         likeliest.
     error : float
-        Standard error of what was found.
+        Standard error of what was found: the least of all members.
     rivals : tuple of Hypothesis
         In the order in which an engineer tries them.
     """
@@ -80,16 +80,20 @@ class EffectFamily:
         if len(said) < 2 or not alike or not model.coefficients.get("omega^2", 0.0) > 0:
             return None
         (name,) = alike
-        best, own = rivals[0], int(name == DAMPING)
-        now = small_vibration(model, (), record)[own]
-        there = small_vibration(model, best.parts, record)[own]
-        index = best.solution.slices()[best.blamed[0]].start
-        error = growth * float(best.covariance[index, index]) ** 0.5
-        change = np.zeros(len(best.covariance))
-        change[index] = error
-        moved = small_vibration(model, moved_parts(best.parts, change), record)[own]
+
+        def of_parts(parts: Sequence[Part]) -> float:
+            return small_vibration(model, parts, record)[name == DAMPING]
+
+        def error(h: Hypothesis) -> float:
+            index = h.solution.slices()[h.blamed[0]].start
+            change = np.zeros(len(h.covariance))
+            change[index] = growth * float(h.covariance[index, index]) ** 0.5
+            return abs(of_parts(moved_parts(h.parts, change)) - of_parts(h.parts))
+
+        # The strength of what acts at a point has the error of its place, which the mode has not.
+        least = min(map(error, rivals))
         tried = sorted(rivals, key=lambda h: MEMBERS[name].index(h.names[0]))
-        return cls(name, now, there, abs(moved - there), tuple(tried))
+        return cls(name, of_parts(()), of_parts(rivals[0].parts), least, tuple(tried))
 
     @property
     def size(self) -> float:

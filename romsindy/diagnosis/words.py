@@ -139,7 +139,7 @@ def remainder(gap: Gap, kind: str) -> str:
 def over_sensors(gap: Gap, kind: str, sensor: str, part: float, times: float) -> str:
     """What is left of a beam: in its first mode, and ``part`` and ``times`` of the worst sensor."""
     of_worst = left_over(part, times)
-    if times > PREDICTED:
+    if times > PREDICTED and kind != "effect":
         first = gap.predictions[gap.worst]
         there = f"{first.left(first.after)} in the coordinate of the first mode"
         return f"{of_worst} at the worst sensor, {sensor}; {there}{_KINDS.get(kind, '')}."

@@ -224,7 +224,8 @@ def in_words(found: Sequence[Adjusted]) -> list[str]:
         return [f"{asked}, {shown}. To separate them: {ParameterDirection.advice}."]
     most = sorted(found, key=lambda a: -abs(a.change / a.tolerance))[:3]
     moved = [str(replace(a, alone=a.change)) for a in most]
-    return [f"Within the tolerances several moved together: {', '.join(moved)}, most of all."]
+    told = f"{', '.join(moved)}, most of all"
+    return [f"Of the values with tolerances several moved together: {told}."]
 
 
 def effects_of(parts: Sequence[Part]) -> list[Any]:
