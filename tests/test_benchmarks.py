@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -304,15 +305,17 @@ def test_noises_of_the_trials(benchmark):
 def test_marks_of_a_diagnosis(benchmark):
     said = lambda verdict, *sets: benchmark.Said(verdict, sets[0], sets)  # noqa: E731
     marks = lambda *a, **k: "".join(k[0] for k, v in benchmark.marks(*a, **k).items() if v)  # noqa: E731
-    assert marks(said("named", ("a",)), ["a"]) == "ri"
+    assert marks(said("named", ("a",)), ["a"]) == "rif"
     assert marks(said("ambiguous", ("b",), ("a",)), ["a"]) == "i"
     assert marks(said("named", ("b",)), ["a"]) == "w"
     assert marks(said("unknown", ("a",)), ["a"]) == ""
-    assert marks(said("named", ("mains_hum",)), [], excused=["mains_hum"]) == "ri"
+    assert marks(said("named", ("mains_hum",)), [], excused=["mains_hum"]) == "rif"
     assert marks(said("named", ("mains_hum",)), []) == "w"
     both = ("linear_frequency",), ("added_mass",)
-    assert marks(said("ambiguous", *both), ["added_mass"]) == "ri"
+    assert marks(said("ambiguous", *both), ["added_mass"]) == "rif"
     assert marks(said("named", both[0]), ["added_mass"]) == "w"
+    told = replace(said("ambiguous", ("b",), ("a",)), members=("b", "a"))
+    assert marks(told, ["a"]) == "if" and marks(told, ["c"]) == ""
 
 
 @benchmark_of("run")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -192,8 +193,14 @@ def test_parameters_that_do_the_same_are_one(own):
     # Each alone would have to do it all; what is known of their difference stays as it was.
     assert stiffness.alone == pytest.approx(0.01, rel=0.02)
     assert modulus.std == pytest.approx(0.02 / np.sqrt(5), rel=0.02)
-    text = in_words((stiffness, modulus))
-    assert "modulus up 1 % or bending stiffness up 1 %" in text and "one combination" in text
+    (text,) = in_words((stiffness, modulus))
+    either = "modulus up 1 % (tolerance 2 %) or bending stiffness up 1 % (tolerance 1 %)"
+    assert either in text and "one combination" in text
+    # What would have to be three of its standard deviations off is not within its tolerance.
+    (text,) = in_words((stiffness, replace(modulus, tolerance=0.003)))
+    assert (
+        text == "Within the tolerances the data ask for bending stiffness up 1 % (tolerance 1 %)."
+    )
     section = beam_with(BEAM, [part]).section
     assert section.EI / BEAM.section.EI - 1 == pytest.approx(0.01, rel=0.02)
 

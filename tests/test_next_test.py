@@ -24,6 +24,7 @@ from romsindy.effects import (
     MoreMass,
     SpeedCubedDamping,
 )
+from romsindy.text import two_digits
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {"omega^2": OMEGA**2, "gamma_3": 0.2 * OMEGA**2, "c_linear": 0.01 * OMEGA}
@@ -167,7 +168,8 @@ def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     tip = beam.modes(count=1).shapes[0][-1, 1]  # m for a coordinate of 1
     advice = found.next_test
     assert advice.odds == report(damping).next_test.odds
-    assert advice.action == f"a decay from {advice.test.amplitude * abs(tip):.2g} m in y(0.45)"
+    size = two_digits(1e3 * advice.test.amplitude * abs(tip))
+    assert advice.action == f"a decay from {size} mm at y(0.45)"
 
 
 def test_an_effect_that_comes_out_as_nothing_is_no_rival():

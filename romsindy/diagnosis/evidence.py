@@ -38,8 +38,8 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
-# Standard deviations from which on a value that was known to a tolerance is worth a word: 5 %.
-_FAR = 2.0
+# Standard deviations from which on a value that was known to a tolerance is beyond it: 5 %.
+FAR = 2.0
 
 
 class Solved(NamedTuple):
@@ -395,6 +395,10 @@ class Hypothesis:
             found.append(max(squared, 0.0) ** 0.5)
         return min(found)
 
+    def growth(self, ratio: float) -> float:
+        """How its errors grow where what is left, so many times the noise, is above it."""
+        return max(ratio, 1.0) if self.noise == NO_FORM_ERROR else 1.0
+
     @property
     def forced(self) -> bool:
         """Whether a force is among its effects, not only what is wrong in a sensor."""
@@ -414,7 +418,7 @@ class Hypothesis:
     def beyond(self) -> tuple[str, ...]:
         """Names of the values that moved by more than their tolerances let expect."""
         known = [(p.effect.name, p.tolerance, p.strengths) for p in self.parts[: self.n_free]]
-        return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > _FAR * s))
+        return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > FAR * s))
 
     @cached_property
     def _worth(self) -> Worth:

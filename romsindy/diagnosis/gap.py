@@ -23,7 +23,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
-from romsindy.text import left_over
+from romsindy.text import Shown, left_over
 from romsindy.typing import Array
 
 HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
@@ -96,6 +96,12 @@ class Gap:
 
     predictions: tuple[Prediction, ...]
     unseen: bool  # False where records were too short to hold any part out
+    sensor: Shown | None = None  # that tells amplitudes, if the coordinate itself does not
+
+    @property
+    def shown(self) -> Shown:
+        """How amplitudes are told."""
+        return self.sensor or Shown(self.predictions[0].record.decay.unit or "[q]")
 
     @property
     def where(self) -> str:
@@ -179,8 +185,9 @@ class Gap:
             name = f"{p.title}: " if len(self.predictions) > 1 else ""
             errors = [f"{p.error(x):.3g}" for x in (p.before, p.after)]
             rows.append([f"{name}error over noise", *errors])
-            unit = p.record.decay.unit or "[q]"
-            rows.append([f"{name}amplitudes compared, {unit}", *map(_amplitudes, differences)])
+            shown = self.shown
+            sizes = (_amplitudes(d, shown) for d in differences)
+            rows.append([f"{name}amplitudes compared, {shown.unit}{shown.at}", *sizes])
             for kind, title in _ROWS.items():
                 rows.append([f"{name}{title}", *(_percent(d, kind) for d in differences)])
         return rows
@@ -198,11 +205,10 @@ _ROWS = {
 }
 
 
-def _amplitudes(difference: Difference) -> str:
+def _amplitudes(difference: Difference, shown: Shown) -> str:
     if difference.apart:
         return "hardly any in common"
-    low, high = difference.amplitude
-    return f"{low:.2g} to {high:.2g}"
+    return shown._replace(unit="", sensor="").told(*difference.amplitude).rstrip()
 
 
 def _percent(difference: Difference, kind: str) -> str:

@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
+from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.report import in_json
 from romsindy.diagnosis.structure import Corrected, channel_noises
 from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
@@ -94,6 +97,16 @@ class StructureReport(Written):
         return self.reduced.equivalent
 
     @property
+    def family(self) -> EffectFamily | None:
+        """What the data do not tell apart, as one answer, where all of it does the same."""
+        return self.reduced.family
+
+    @property
+    @abstractmethod
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed."""
+
+    @property
     @abstractmethod
     def recipe(self) -> str:
         """What makes the improved structure of the one that was."""
@@ -135,6 +148,7 @@ class StructureReport(Written):
     def _content(self) -> dict[str, Any]:
         content = json.loads(self.reduced.to_json())
         content |= {"verdict": self.verdict, "sentence": self.sentence}
+        content["next"] = None if self.next_test is None else in_json(self.next_test)
         content["sensors"] = [vars(e) for e in self.sensor_errors]
         return content
 

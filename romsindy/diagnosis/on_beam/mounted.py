@@ -195,6 +195,7 @@ class DampingEffect(BeamEffect):
     tolerance: float | None = None  # type: ignore[misc]
 
     family = "damping"
+    assumed = property(lambda self: -self.least)
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
         return self.change(strength)

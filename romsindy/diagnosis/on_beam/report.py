@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
@@ -10,20 +11,25 @@ from typing import Any
 import numpy as np
 
 from romsindy.beam.beam import Beam
+from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.next_release import linear, next_release
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam, can_be_anywhere, place_now
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Adjusted,
+    ParameterDirection,
     adjusted,
     beam_with,
     effects_of,
     in_words,
+    on_the_beam,
 )
 from romsindy.diagnosis.structure_report import StructureReport
+from romsindy.effects.mounting import AtPoint
+from romsindy.fit.kernel.part import Part
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -60,13 +66,25 @@ class BeamReport(StructureReport):
     @property
     def model(self) -> Beam:
         """The beam with the effects that were found, as far as they exist on a beam."""
-        return beam_with(self.seen.beam, self.parts)
+        return beam_with(self.seen.beam, self._first)
 
     @property
     def recipe(self) -> str:
         """The lines of Python that make `model` from `beam`, the beam as it was."""
         missing = (f"# not on the beam: {label}" for label in self.not_there)
-        return "\n".join([recipe_of(effects_of(self.parts)), *missing])
+        return "\n".join([recipe_of(effects_of(self._first)), *missing])
+
+    @property
+    def _first(self) -> tuple[Part, ...]:
+        """Effects of the improved beam; of a family that which an engineer tries first."""
+        tried = () if self.trouble or self.family is None else self.family.rivals
+        there = (on_the_beam(h.parts) for h in tried if on_the_beam(h.effects))
+        return next(there, self.parts)
+
+    @property
+    def not_there(self) -> tuple[str, ...]:
+        """Effects that nothing on the beam stands for; one of a family stands for all of it."""
+        return () if self.family is not None and self._first else super().not_there
 
     @property
     def adjusted(self) -> tuple[Adjusted, ...]:
@@ -88,22 +106,32 @@ class BeamReport(StructureReport):
         advice = self.reduced.next_test
         if advice is None:
             return None
-        shape, labels = np.abs(self.seen.shapes[:, 0]), self.seen.sensors.labels
-        size, where = shape.max() * largest.amplitude, labels[int(np.argmax(shape))]
-        return replace(advice, action=advice.test.action(size, f"m in {where}"))
+        size = self.seen.shown.told(abs(advice.test.amplitude) * largest.amplitude)
+        return replace(advice, action=advice.test.words.format(amplitude=size))
 
     @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
-        lines += self.reduced.lines(self._left, self.next_test)
+        lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_there:
             lines.append(f"Not on the improved beam: {', '.join(self.not_there)}.")
-        if self.place is not None and not self.trouble:
+        if self.place is not None and not (self.trouble or self.place.told or self.family):
             lines.append(f"Place: {self.place}.")
-        return "\n".join([*lines, *filter(None, [in_words(self.adjusted)])])
+        moved = [e for e in self.reduced.within if e.label != ParameterDirection.label]
+        return "\n".join([*lines, *words.within(moved), *in_words(self.adjusted)])
+
+    def _placed(self, line: str) -> str:
+        """A line on what is missing with its place as closely as the data tell it."""
+        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p)]
+        if self.place is None or self.trouble or len(movable) != 1:
+            return line
+        if not (self.place.told and line.startswith("Missing: ")):
+            return line
+        usual = AtPoint(place_now(self.seen, movable[0])).place
+        return line.replace(usual, in_interval(self.place), 1)
 
     def _content(self) -> dict[str, Any]:
         return {
@@ -112,6 +140,13 @@ class BeamReport(StructureReport):
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
         }
+
+
+def in_interval(place: PlaceOnBeam) -> str:
+    """A place and its interval, to the digit in which the interval's error lies."""
+    decimals = max(-math.floor(math.log10((place.high - place.low) / 4)), 0)
+    at, low, high = (f"{x:.{decimals}f}" for x in (place.at, place.low, place.high))
+    return f"at {at} m ({low} to {high} m)"
 
 
 def recipe_of(effects: Sequence[Any]) -> str:

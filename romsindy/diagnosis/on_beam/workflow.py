@@ -125,7 +125,7 @@ def diagnose_beam(
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
     return BeamReport(
-        reduced=found.report,
+        reduced=replace(found.report, gap=replace(found.report.gap, sensor=seen.shown)),
         parts=found.parts,
         sensor_errors=errors,
         trouble=found.trouble,
