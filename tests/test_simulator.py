@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.diagnosis.on_simulator.seen import turning_point
+from romsindy.diagnosis.on_simulator.seen import turning_points
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.simulator import Program, Simulator, SimulatorError
@@ -142,7 +142,7 @@ def test_a_motion_goes_back_to_where_it_turned(phase):
     since = (phase % np.pi) / rate  # it turns every half cycle
     expected = np.exp(-damping * (t - since)) * (-1) ** int(phase // np.pi)
     equation = ExtendedEquation(model, (), 0, 0.01, 0.0)
-    found = turning_point(equation, (float(q), float(q_dot)), rate)
+    (found,) = turning_points(equation, (float(q), float(q_dot)), rate)
     assert found == pytest.approx((expected, since), rel=1e-7)
 
 
