@@ -244,17 +244,25 @@ class Ringing:
     seen: InstrumentedBeam
     read: Readings
     motion: Motion
-    slaved: Array  # (n, n_sensors)
+    later: Array  # (n, n_sensors): what the first mode, a little later or larger, would change
+    larger: Array
     rung: Array
     more: Array
+    # (n, n_sensors): what more of the second mode does beside its shape, as where it shortens the
+    # beam together with the first
+    bent: Array
 
     @classmethod
     def of(cls, seen: InstrumentedBeam, read: Readings, motion: Motion) -> Ringing:
         """Part a motion."""
         project, t = np.linalg.pinv(seen.shapes).T[:, 1:], read.t
-        slaved = _fitted(_along(seen.coordinate(motion.readings), t), motion.readings)
+        along = _along(seen.coordinate(motion.readings), t)
+        shapes = np.linalg.lstsq(along, motion.readings)[0]
+        slaved = along @ shapes
         rung, more = (_rotating(x @ project, t) for x in (motion.readings - slaved, motion.ring))
-        return cls(seen, read, motion, slaved, rung, more)
+        later = np.gradient(slaved, t, axis=0) / seen.basis.omega[0]
+        larger, bent = (along * _DEGREES) @ shapes, motion.ring - more.real @ seen.shapes[:, 1:].T
+        return cls(seen, read, motion, later, larger, rung, more, bent)
 
     @property
     def omega(self) -> Array:
@@ -279,14 +287,14 @@ class Ringing:
         whole = rung + more * ring
         moved = self.motion.readings + (rung - self.rung).real @ shapes
         share = (t / t[-1])[:, None]
-        later = np.gradient(self.slaved, t, axis=0) * _PHASE / self.seen.basis.omega[0]
-        larger = self.slaved * _SIZE
+        later, larger = _PHASE * self.later, _SIZE * self.larger
         first = [later, share * later, share**2 * later, larger, share * larger]
         free, own = [], [np.outer(y, e) for y, e in zip(moved.T, np.eye(len(moved.T)), strict=True)]
         for k, shape in enumerate(shapes):
             by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
             own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]
             free += [np.outer(x, shape) for x in (ring[:, k].real, -ring[:, k].imag)]
+        free = [free[0] + self.bent, *free[1:]] if free else []
         table = self._over_noise([self.read.measured - moved, *own, *free])
         table = _with_errors(table, self._over_noise(first))
         n, release = 1 + len(own), table[:, 1 + len(own) :]
@@ -316,15 +324,13 @@ def _without(table: Array, basis: Array) -> Array:
     return np.asarray(table - basis @ (basis.T @ table))
 
 
+_DEGREES = np.array([0, 1, 2, 3, 2, 3])  # in the amplitude, of what shapes follow
+
+
 def _along(q: Array, t: Array) -> Array:
     """What shapes of a beam follow along the motion of its first mode: columns (n, 6)."""
     rate = np.gradient(q, t)
     return np.stack([np.ones_like(q), q, q**2, q**3, rate**2, q * rate**2], axis=1)
-
-
-def _fitted(columns: Array, y: Array) -> Array:
-    basis = _orthonormal(columns)
-    return np.asarray(basis @ (basis.T @ y))
 
 
 def _orthonormal(columns: Array) -> Array:

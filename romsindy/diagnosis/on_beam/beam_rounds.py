@@ -184,7 +184,8 @@ class BeamRounds(Rounds):
         try:
             starts = [self._start(i, parts) for i in range(len(read))]
             if len(movable) != 1:
-                return Tried(_names(h), None, self._left([parts], starts, read, slack))
+                (left,) = self._left([(parts, starts)], read, slack)
+                return Tried(_names(h), None, left[:, None])
             tried = self._at(points(self.seen.beam), h, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in self._weighed([tried], read))
@@ -209,19 +210,29 @@ class BeamRounds(Rounds):
         (part,) = (p for p in parts if can_be_anywhere(p))
         moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
         several = [tuple(m if p is part else p for p in parts) for m in moved]
-        return Tried(_names(h), np.array(places), self._left(several, starts, read, slack))
+        # The coordinate begins otherwise with the same effect elsewhere, the release is the same.
+        begun = [
+            [s._replace(state=self._state(i, there)) for i, s in enumerate(starts)]
+            for there in several
+        ]
+        left = self._left(list(zip(several, begun, strict=True)), read, slack)
+        return Tried(_names(h), np.array(places), np.stack(left, axis=1))
+
+    def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
+        """Coordinate and its rate at the start of a record."""
+        return self.structure.start(self.model, parts, self.smooth[i])
 
     def _left(
         self,
-        several: Sequence[Sequence[Part]],
-        starts: Sequence[_Start],
+        several: Sequence[tuple[Sequence[Part], Sequence[_Start]]],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> Array:
-        """What beams with some parts each leave of the sensors, (m, n_several)."""
+    ) -> list[Array]:
+        """What beams with some parts, that begin each record somehow, leave of the sensors."""
         early = [self._early(i, own) for i, own in enumerate(read)]
-        tasks = (delayed(_left)(self.seen, p, early, starts, read, slack) for p in several)
-        return np.stack(list(self.parallel(tasks)), axis=1)
+        given = (early, read, slack)
+        tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
+        return list(self.parallel(tasks))
 
     def _weighed(self, tried: Sequence[Tried], read: Sequence[Readings]) -> list[Heard]:
         samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
@@ -232,8 +243,7 @@ class BeamRounds(Rounds):
     ) -> _Start:
         """How a record begins with some parts."""
         beam = beam_with(self.seen.beam, parts)
-        if start is None:
-            start = self.structure.start(self.model, parts, self.smooth[i])
+        start = self._state(i, parts) if start is None else start
         own = self.raw[i].between(self.records[i].decay.t[0])
         release = self.given[i]
         if release is None:
@@ -269,8 +279,8 @@ def _beyond_best(heard: Mapping[Names, Heard]) -> dict[Names, float]:
 def _left(
     seen: InstrumentedBeam,
     parts: Sequence[Part],
-    early: Sequence[tuple[Record, Decay]],
     starts: Sequence[_Start],
+    early: Sequence[tuple[Record, Decay]],
     read: Sequence[Readings],
     slack: Latitude,
 ) -> Array:
