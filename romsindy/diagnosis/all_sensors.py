@@ -6,27 +6,22 @@ independent: in each, what goes with the shape of the first mode is left to the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.structure import SimulatedStructure, channel_noises
+from romsindy.diagnosis.structure import channel_noises
 from romsindy.fit.records.record import Record
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.typing import Array
 
-Names = frozenset[str]  # of the effects of an explanation
-
 GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 # Standard deviations of a first mode that follows the coordinate: rad, and as a part of it
 _PHASE, _SIZE = 0.02, 0.01
 _NEW = 1e-9  # of a column beside others
-_NEAR = 0.02  # of the gap in the coordinate: so much what is wrong may leave of it
 CYCLES = 12  # once it is calm: over these all sensors are heard
 
 
@@ -123,26 +118,3 @@ def noise_of(least: float, samples: int) -> float:
     Where no explanation leaves noise alone, it is what the best leaves.
     """
     return max(least / samples, 1.0)
-
-
-def names_of(h: Hypothesis) -> Names:
-    """What it says beside unsure values."""
-    return frozenset(p.effect.name for p in h.effects)
-
-
-def beyond_best(misfits: Mapping[Names, float]) -> dict[Names, float]:
-    """Misfits beyond the least of them."""
-    least = min(misfits.values())
-    return {names: x - least for names, x in misfits.items()}
-
-
-def near(structure: SimulatedStructure, report: DiagnosisReport, most: int) -> list[Hypothesis]:
-    """Explanations that leave next to nothing of the coordinate, as a structure can have them."""
-    best = report.best
-    gap = report.base.at(best.noise).misfit - best.misfit
-    found: dict[Names, Hypothesis] = {}
-    for h in (best, *report.compared):
-        there = len(structure.with_effects(h.effects)) == len(h.effects)
-        if h.score < best.score + _NEAR * gap and 0 < len(h.effects) <= len(best.effects) and there:
-            found.setdefault(names_of(h), h)
-    return list(found.values())[:most]

@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import CYCLES, Names, Readings, beyond_best, names_of, near
+from romsindy.diagnosis.all_sensors import CYCLES, Readings
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
@@ -39,7 +39,7 @@ from romsindy.diagnosis.on_beam.place import (
     with_error_of_place,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
-from romsindy.diagnosis.rounds import Outcome, Rounds
+from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
@@ -92,10 +92,9 @@ class BeamRounds(Rounds):
             report = found.report
             if found.trouble or report.verdict == "none" or not report.best.effects:
                 return found, None
-            asked = near(self.structure, report, _MOST) or [report.best]
+            asked = self.near(report, _MOST) or [report.best]
             heard = self.heard(asked, slack)
-            self.elsewhere = beyond_best({names: h.misfit for names, h in heard.items()})
-            best = min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
+            best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
             place = heard[names_of(best)].place if names_of(best) in heard else None
             parts = self._placed(best, place)
             there = {id(p) for p in best.parts}

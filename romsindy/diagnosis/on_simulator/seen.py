@@ -39,8 +39,8 @@ _AT_REST = 1e-6  # of the largest velocity: a motion that begins so turns there
 _CREEP = 3e-3  # of the largest velocity, over which friction in a simulator turns round
 _BACK = 2  # half periods more, within which so many turning points lie
 _EARLIEST = 16  # turns since a release that is looked for
-# Of the amplitude in the record: how large a release is looked for, for the equation is not known
-# much farther; and what runs away.
+# Of the amplitude in the record: how large a release is looked for where the equation is not known
+# so far; and what runs away.
 _FARTHER, _RUNAWAY = 1.15, 2.0
 _ECHOES = 3  # times that other modes are followed from the latest to the earliest release
 _TIGHT = 1e-9
@@ -246,8 +246,9 @@ class OnSimulator:
         order, cycle = record.derivative, 2 * np.pi / record.rate
         first = record.t[: int(_FIRST * cycle / record.decay.dt)]
         measured, room = measured[: len(first)], float(record.t[-1] - first[-1])
-        most = max(_FARTHER * abs(past.releases[0][0]), abs(usual.q))
-        known = [k for k in past.turns if past.within(k, most, usual.before + room)]
+        largest = max(_FARTHER * abs(past.releases[0][0]), *(abs(a) for _, a in self.released))
+        longest = usual.before + room
+        known = [k for k in past.turns if k == usual.turns or past.within(k, largest, longest)]
         apart = past.releases[known[-1]][1] - usual.before
         if apart <= 0:
             return usual.turns

@@ -13,12 +13,8 @@ from romsindy.diagnosis.all_sensors import (
     CYCLES,
     GAINS,
     FirstMode,
-    Names,
     Readings,
-    beyond_best,
     by_gains,
-    names_of,
-    near,
     noise_of,
     with_errors,
     without,
@@ -26,7 +22,7 @@ from romsindy.diagnosis.all_sensors import (
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.rounds import Outcome, Rounds
+from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.structure import Corrected, key_of
 from romsindy.diagnosis.structure_report import sensor_errors
 from romsindy.effects.base import Effect
@@ -126,13 +122,12 @@ class SimulatorRounds(Rounds):
         """
         for _ in range(_LISTENED if len(self.structure.shape) > 1 else 0):
             report = found.report
-            asked = near(self.structure, report, _MOST)
+            asked = self.near(report, _MOST)
             if found.trouble or report.verdict == "none" or len(asked) < 2:
                 break
-            self.elsewhere = beyond_best(self._heard(asked, found))
-            best = min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
             parts, before = found.parts, found.corrected
             try:
+                best = self.likeliest(asked, self._heard(asked, found))
                 if best.names != report.best.names:
                     parts = self.structure.with_effects(best.parts)
                     before = self.simulate(parts)
@@ -157,7 +152,9 @@ class SimulatorRounds(Rounds):
             else:
                 parts = self.structure.with_effects(h.parts)
                 motions = [self._motion(i, parts, float(r.t[-1])) for i, r in enumerate(read)]
-            left[names_of(h)] = float(np.sum(self._left(read, motions) ** 2))
+            heard = zip(read, motions, self.records, self.releases, strict=False)
+            rows = [left_of(self.structure, r, x, own.rate, b) for r, x, own, b in heard]
+            left[names_of(h)] = chi_squared(rows)
         samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
         noise = noise_of(min(left.values()), samples)
         return {names: x / noise for names, x in left.items()}
@@ -176,34 +173,6 @@ class SimulatorRounds(Rounds):
         start = self.structure.start(self.model, parts, self.smooth[i])
         given = (equation, parts, record, self.raw[i], start, self.releases[i])
         return np.asarray(self.structure.moved(*given).readings[record.derivative])
-
-    def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> Array:
-        """What motions leave of the sensors beside the first mode, over noise and gains."""
-        rows = [self._columns(i, *row) for i, row in enumerate(zip(read, motions, strict=True))]
-        table = np.concatenate([*rows, np.eye(1 + len(self.structure.shape))[1:]])
-        return np.asarray(
-            table[:, 0] - table[:, 1:] @ np.linalg.lstsq(table[:, 1:], table[:, 0])[0]
-        )
-
-    def _columns(self, i: int, read: Readings, motion: Array) -> Array:
-        """What is left of a record, and what errors of the gains do, (m, 1 + n_sensors).
-
-        Other modes may ring by more, and be elsewhere in their cycle: by any amount where the
-        record was cut, or nearly as the simulator is released.
-        """
-        seen, record = self.structure, self.records[i]
-        first = FirstMode.of(seen.coordinate(motion), motion, read.t)
-        rung = motion - first.readings
-        turned = np.gradient(rung, axis=0)
-        turned *= np.linalg.norm(rung) / max(float(np.linalg.norm(turned)), 1e-300)
-        errors, free = first.errors(read.t, record.rate), [rung, turned]
-        if not self.releases[i].turns:
-            errors, free = [*errors, *(_RINGS * x for x in free)], []
-        gains = [GAINS * x for x in by_gains(motion)]
-        table = read.over_noise([read.measured - motion, *gains, *free], seen.shape)
-        table = with_errors(table, read.over_noise(errors, seen.shape))
-        n = 1 + len(gains)
-        return without(table[:, :n], table[:, n:]) if free else table
 
     def own_error(self, found: Sequence[Corrected]) -> float:
         """Rms of measured minus simulated over the noise, at the worst sensor of all records."""
@@ -275,6 +244,36 @@ class SimulatorRounds(Rounds):
             there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
+
+
+def left_of(
+    seen: OnSimulator, read: Readings, motion: Array, rate: float, begins: Beginning
+) -> Array:
+    """What a motion leaves of the sensors beside the first mode, and what their gains do.
+
+    Columns (m, 1 + n_sensors) over the noise; the first mode has a ``rate``, rad/s. Other modes may
+    ring by more, and be elsewhere in their cycle: by any amount where the record was cut, else as
+    far as a release is known.
+    """
+    first = FirstMode.of(seen.coordinate(motion), motion, read.t)
+    rung = motion - first.readings
+    turned = np.gradient(rung, axis=0)
+    turned *= np.linalg.norm(rung) / max(float(np.linalg.norm(turned)), 1e-300)
+    errors, free = first.errors(read.t, rate), [rung, turned]
+    if not begins.turns:
+        errors, free = [*errors, *(_RINGS * x for x in free)], []
+    known = [read.measured - motion, *(GAINS * x for x in by_gains(motion))]
+    table = read.over_noise([*known, *free], seen.shape)
+    table = with_errors(table, read.over_noise(errors, seen.shape))
+    n = len(known)
+    return without(table[:, :n], table[:, n:]) if free else table
+
+
+def chi_squared(rows: Sequence[Array]) -> float:
+    """What is left of all records, `left_of` each, by the likeliest gains."""
+    table = np.concatenate([*rows, np.eye(rows[0].shape[1])[1:]])
+    left, gains = table[:, 0], table[:, 1:]
+    return float(np.sum((left - gains @ np.linalg.lstsq(gains, left)[0]) ** 2))
 
 
 class LinearReadings(NamedTuple):
