@@ -88,6 +88,16 @@ def along(q: Array, t: Array) -> Array:
     return np.stack([np.ones_like(q), q, q**2, q**3, rate**2, q * rate**2], axis=1)
 
 
+def followed(readings: Array, q: Array, measured: Array, t: Array) -> Array:
+    """Readings of a motion whose coordinate q moves as it was ``measured``: other modes as before.
+
+    What a structure lacks moves its first mode otherwise; other modes follow that.
+    """
+    own = along(q, t)
+    shapes = np.linalg.lstsq(own, readings)[0]
+    return np.asarray(readings + (along(measured, t) - own) @ shapes)
+
+
 def by_gains(readings: Array) -> list[Array]:
     """What the gain of each sensor changes."""
     return [np.outer(y, e) for y, e in zip(readings.T, np.eye(len(readings.T)), strict=True)]

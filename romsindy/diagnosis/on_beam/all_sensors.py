@@ -23,7 +23,6 @@ from romsindy.diagnosis.all_sensors import (
     GAINS,
     FirstMode,
     Readings,
-    along,
     by_gains,
     noise_of,
     with_errors,
@@ -112,16 +111,6 @@ class Tried:
         at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
         order = np.argsort(at)
         return Tried(self.names, at[order], left[:, order])
-
-
-def followed(seen: InstrumentedBeam, t: Array, motion: Motion, measured: Array) -> Motion:
-    """A motion whose first mode moves as it was ``measured``, (n,): the higher modes as before.
-
-    What a beam lacks moves its first mode otherwise; other modes follow that.
-    """
-    own = along(seen.coordinate(motion.readings), t)
-    shapes = np.linalg.lstsq(own, motion.readings)[0]
-    return motion._replace(readings=motion.readings + (along(measured, t) - own) @ shapes)
 
 
 class Heard(NamedTuple):

@@ -10,14 +10,13 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import CYCLES, Readings
+from romsindy.diagnosis.all_sensors import CYCLES, Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
     Latitude,
     Motion,
     Tried,
-    followed,
     left_of,
     weigh,
 )
@@ -245,7 +244,9 @@ class BeamRounds(Rounds):
             begin = self._start(i, (), (float(q), float(q_dot)))
             motion = _motion(self.seen, self.seen.beam, *self._early(i, own), begin)
             measured = smooth.spline(smooth.t[: len(own.t)])[0]
-            motions.append(followed(self.seen, own.t, motion, measured))
+            q = self.seen.coordinate(motion.readings)
+            same = followed(motion.readings, q, measured, own.t)
+            motions.append(motion._replace(readings=same))
         return Tried(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
 
 

@@ -15,6 +15,7 @@ from romsindy.diagnosis.all_sensors import (
     FirstMode,
     Readings,
     by_gains,
+    followed,
     noise_of,
     with_errors,
     without,
@@ -39,7 +40,7 @@ _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rou
 _LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 _LISTENED = 2  # times that all sensors are heard, each with the best so far in the simulator
-_MOST = 4  # explanations that they are heard of: the best, and three that are simulated
+_MOST = 3  # explanations that they are heard of: the best, and two that are simulated
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 
 
@@ -123,7 +124,8 @@ class SimulatorRounds(Rounds):
         for _ in range(_LISTENED if len(self.structure.shape) > 1 else 0):
             report = found.report
             asked = self.near(report, _MOST)
-            if found.trouble or report.verdict == "none" or len(asked) < 2:
+            said = bool(report.best.effects) and report.verdict != "none"
+            if found.trouble or not said or len(asked) < 2:
                 break
             parts, before = found.parts, found.corrected
             try:
@@ -142,9 +144,9 @@ class SimulatorRounds(Rounds):
         return found
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
-        """What all sensors say of explanations, minus twice the logarithm of their likelihood."""
+        """What all sensors say of explanations, and of none: minus twice their log-likelihood."""
         read = [self._read(i) for i in range(self.n_training)]
-        left = {}
+        left = {frozenset[str](): self._left(read, [self._without(*x) for x in enumerate(read)])}
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             if h.names == found.report.best.names:
@@ -152,12 +154,15 @@ class SimulatorRounds(Rounds):
             else:
                 parts = self.structure.with_effects(h.parts)
                 motions = [self._motion(i, parts, float(r.t[-1])) for i, r in enumerate(read)]
-            heard = zip(read, motions, self.records, self.releases, strict=False)
-            rows = [left_of(self.structure, r, x, own.rate, b) for r, x, own, b in heard]
-            left[names_of(h)] = chi_squared(rows)
+            left[names_of(h)] = self._left(read, motions)
         samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
         noise = noise_of(min(left.values()), samples)
         return {names: x / noise for names, x in left.items()}
+
+    def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
+        """Chi-square of what motions leave of all sensors."""
+        heard = zip(read, motions, self.records, self.releases, strict=False)
+        return chi_squared([left_of(self.structure, r, x, own.rate, b) for r, x, own, b in heard])
 
     def _read(self, i: int) -> Readings:
         """What all sensors read in a record."""
@@ -165,6 +170,12 @@ class SimulatorRounds(Rounds):
         own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
         last = self.calm[i] + CYCLES * 2 * np.pi / record.rate
         return Readings.of(record, own, self.calm[i], last, self.options.floor)
+
+    def _without(self, i: int, read: Readings) -> Array:
+        """What the sensors read of the simulator as it is, along the first mode as measured."""
+        motion, smooth = self._motion(i, (), float(read.t[-1])), self.smooth[i]
+        measured = smooth.spline(smooth.t[: len(motion)])[0]
+        return followed(motion, self.structure.coordinate(motion), measured, read.t)
 
     def _motion(self, i: int, parts: tuple[Part, ...], end: float) -> Array:
         """What the sensors read of the simulator with some parts, until a time of a record (s)."""
