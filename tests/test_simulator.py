@@ -16,7 +16,7 @@ from romsindy.commands.main import main
 from romsindy.diagnosis.all_sensors import Readings
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, turning_points
 from romsindy.diagnosis.on_simulator.simulator_rounds import chi_squared, left_of
-from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop
+from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.records.record import Record
 from romsindy.simulator import Program, Simulator, SimulatorError
@@ -392,3 +392,34 @@ def test_nothing_is_added_that_makes_a_simulator_worse():
     assert report.verdict == "unknown" and sensor.after <= sensor.before
     assert report.force is None and "Added to" not in report.sentence
     assert "comes no nearer to the records" in report.sentence
+
+
+@pytest.mark.slow
+def test_all_channels_tell_a_dashpot_from_damping_of_the_structure():
+    """Along the slow mode of two masses they are the same; the other mode dies otherwise."""
+    springs = 80.0 * np.array([[6.0, -5.0], [-5.0, 5.0]])
+
+    def simulate(release, t, force=nothing, eta=1e-3):
+        inverse = np.diag([1 / 0.2, 1 / 0.15])  # kg
+
+        def rates(s, y):
+            push = -springs @ (y[:2] + eta * y[2:]) + np.array([0.0, force(s, y[1], y[3])])
+            return np.concatenate([y[2:], inverse @ push])
+
+        held = np.linalg.solve(springs, [0.0, 1.0])
+        start = np.append(release * held / held[1], [0.0, 0.0])
+        done = solve_ivp(rates, (0, t[-1]), start, t_eval=t, rtol=1e-7, atol=1e-9)
+        return done.y[1::-1].T
+
+    def measured(**given):
+        x = simulate(0.03, T[:1600], **given)
+        noise = 0.01 * x.std(axis=0) * np.random.default_rng(6).standard_normal(x.shape)
+        return rs.Decay(T[:1600], x + noise, unit="m")
+
+    for decay, name in [
+        (measured(force=lambda t, x, v: -0.01 * v), "viscous"),
+        (measured(eta=1.5e-3), "eta"),
+    ]:
+        report = rs.diagnose(simulate, decay, catalogue=[Viscous()], parameters={"eta": 1e-3})
+        assert report.verdict == "named" and report.names == (name,)
+        assert max(e.after for e in report.sensor_errors) < 1.1

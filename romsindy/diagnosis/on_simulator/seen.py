@@ -1,9 +1,9 @@
 """A user's simulator seen through the channels of the records, in one coordinate.
 
 The coordinate q is the motion of the first channel in the slow mode, whose shape at the other
-channels the simulator itself shows. A record begins anywhere in a swing: the simulator is let go
-from the turning point before, which the equation finds going backwards, and what it gives from the
-beginning of the record on is compared.
+channels the simulator itself shows. A record begins anywhere in a swing, some cycles after its
+release: the simulator is let go from a turning point before, which the equation finds going
+backwards, and what it gives from the beginning of the record on is compared.
 """
 
 from __future__ import annotations
