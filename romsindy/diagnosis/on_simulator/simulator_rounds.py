@@ -127,13 +127,16 @@ class SimulatorRounds(Rounds):
             said = bool(report.best.effects) and report.verdict != "none"
             if found.trouble or not said or len(asked) < 2:
                 break
-            parts, before = found.parts, found.corrected
             try:
                 best = self.likeliest(asked, self._heard(asked, found))
-                if best.names != report.best.names:
+                if best.names == report.best.names:
+                    look = self._look((), found.corrected, len(report.best.effects))
+                    if look.best.names == best.names:
+                        return found._replace(report=look)
+                    again = self.run((), found.corrected, found.parts)
+                else:
                     parts = self.structure.with_effects(best.parts)
-                    before = self.simulate(parts)
-                again = self.run((), before, parts)
+                    again = self.run((), self.simulate(parts), parts)
             except self.structure.failures:  # what was found stands
                 break
             if again.trouble:
