@@ -11,11 +11,11 @@ import pytest
 import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
 from romsindy.beam.motion import Sensor
+from romsindy.diagnosis.all_sensors import Readings
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
     Latitude,
     Motion,
-    Readings,
     Tried,
     left_of,
     weigh,

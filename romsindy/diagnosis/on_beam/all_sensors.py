@@ -6,9 +6,6 @@ times a force at a, and are damped and detuned in proportions of their own; a re
 The beam is simulated with each explanation, as strong as the first coordinate asks for, and with an
 effect that can be anywhere at some points a: between them the readings are splines over a. Gains of
 the sensors, and small errors of the higher modes, are marginalised; what is left is a likelihood.
-
-Sensors have noises of their own colours. Cosines of their readings, over the noise, are nearly
-independent: in each, what goes with the shape of the first mode is left to the coordinate.
 """
 
 from __future__ import annotations
@@ -22,21 +19,22 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam.beam import Beam
+from romsindy.diagnosis.all_sensors import (
+    GAINS,
+    FirstMode,
+    Readings,
+    by_gains,
+    noise_of,
+    with_errors,
+    without,
+)
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
-from romsindy.diagnosis.structure import channel_noises
-from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import PLACE_RISE, SAME_DAMPING
-from romsindy.record.decay import Decay
-from romsindy.record.noise import Noise
 from romsindy.typing import Array
 
 _FINE = 51  # places between two points
-_NEW = 1e-9  # of a column beside others
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
-# Standard deviations of a first mode that follows the coordinate: rad, and as a part of it
-_PHASE, _SIZE = 0.02, 0.01
-_GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
 # of steps in time and of small masses grow with the frequency.
 _FREQUENCY = 5e-4
@@ -75,36 +73,7 @@ class Latitude:
         frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
         alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
         rates = np.hypot(alpha, eta * omega**2) / 2
-        return cls(np.hypot(_GAINS, gains), frequencies[1:], rates[1:])
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """What all sensors read in the first cycles of a record, and the noise of each."""
-
-    t: Array  # (n,), s, from where the beam is let go
-    measured: Array  # (n, n_sensors)
-    noises: tuple[Noise, ...]
-    first: int = 0  # sample from which on it is calm enough
-
-    @classmethod
-    def of(cls, record: Record, decay: Decay, first: float, last: float, floor: float) -> Readings:
-        """Of a record of the coordinate, and the same as all sensors measured it.
-
-        It is looked at from time ``first`` to ``last``, s, on the clock of the decay.
-        """
-        noises = channel_noises(record, decay, floor)
-        n = int(np.searchsorted(decay.t, last))
-        calm = int(np.searchsorted(decay.t, first))
-        return cls((decay.t - decay.t[0])[:n], decay.signal[:n], noises, calm)
-
-    def cosines(self, x: Array, shape: Array) -> Array:
-        """Cosines of readings (n, n_sensors) over the noise, without what goes with a shape."""
-        x = x[self.first :]
-        y = np.stack([n.cosines(y) for n, y in zip(self.noises, x.T, strict=True)], axis=1)
-        along = shape / np.stack([n.of_cosines(len(x)) for n in self.noises], axis=1)
-        along /= np.linalg.norm(along, axis=1)[:, None]
-        return np.asarray(y - along * np.sum(along * y, axis=1)[:, None]).ravel()
+        return cls(np.hypot(GAINS, gains), frequencies[1:], rates[1:])
 
 
 class Motion(NamedTuple):
@@ -144,16 +113,6 @@ class Tried:
         return Tried(self.names, at[order], left[:, order])
 
 
-def followed(seen: InstrumentedBeam, t: Array, motion: Motion, measured: Array) -> Motion:
-    """A motion whose first mode moves as it was ``measured``, (n,): the higher modes as before.
-
-    What a beam lacks moves its first mode otherwise; other modes follow that.
-    """
-    own = _along(seen.coordinate(motion.readings), t)
-    shapes = np.linalg.lstsq(own, motion.readings)[0]
-    return motion._replace(readings=motion.readings + (_along(measured, t) - own) @ shapes)
-
-
 class Heard(NamedTuple):
     """What all sensors say of an explanation.
 
@@ -171,7 +130,7 @@ def weigh(tried: Sequence[Tried], samples: int, length: float) -> list[Heard]:
     Where none of them leaves noise alone, what the best leaves counts as noise.
     """
     profiles = [_profile(t) for t in tried]
-    noise = max(min(float(x.min()) for _, x in profiles) / samples, 1.0)
+    noise = noise_of(min(float(x.min()) for _, x in profiles), samples)
     return [_heard(fine, x / noise, length) for fine, x in profiles]
 
 
@@ -244,8 +203,7 @@ class Ringing:
     seen: InstrumentedBeam
     read: Readings
     motion: Motion
-    later: Array  # (n, n_sensors): what the first mode, a little later or larger, would change
-    larger: Array
+    first: FirstMode
     rung: Array
     more: Array
     # (n, n_sensors): what more of the second mode does beside its shape, as where it shortens the
@@ -256,13 +214,11 @@ class Ringing:
     def of(cls, seen: InstrumentedBeam, read: Readings, motion: Motion) -> Ringing:
         """Part a motion."""
         project, t = np.linalg.pinv(seen.shapes).T[:, 1:], read.t
-        along = _along(seen.coordinate(motion.readings), t)
-        shapes = np.linalg.lstsq(along, motion.readings)[0]
-        slaved = along @ shapes
-        rung, more = (_rotating(x @ project, t) for x in (motion.readings - slaved, motion.ring))
-        later = np.gradient(slaved, t, axis=0) / seen.basis.omega[0]
-        larger, bent = (along * _DEGREES) @ shapes, motion.ring - more.real @ seen.shapes[:, 1:].T
-        return cls(seen, read, motion, later, larger, rung, more, bent)
+        first = FirstMode.of(seen.coordinate(motion.readings), motion.readings, t)
+        beside = motion.readings - first.readings
+        rung, more = (_rotating(x @ project, t) for x in (beside, motion.ring))
+        bent = motion.ring - more.real @ seen.shapes[:, 1:].T
+        return cls(seen, read, motion, first, rung, more, bent)
 
     @property
     def omega(self) -> Array:
@@ -286,24 +242,19 @@ class Ringing:
         rung, ring = self.rung * turn, self.more * turn
         whole = rung + more * ring
         moved = self.motion.readings + (rung - self.rung).real @ shapes
-        share = (t / t[-1])[:, None]
-        later, larger = _PHASE * self.later, _SIZE * self.larger
-        first = [later, share * later, share**2 * later, larger, share * larger]
-        free, own = [], [np.outer(y, e) for y, e in zip(moved.T, np.eye(len(moved.T)), strict=True)]
+        first = self.first.errors(t, self.seen.basis.omega[0])
+        free, own = [], by_gains(moved)
         for k, shape in enumerate(shapes):
             by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
             own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]
             free += [np.outer(x, shape) for x in (ring[:, k].real, -ring[:, k].imag)]
         free = [free[0] + self.bent, *free[1:]] if free else []
-        table = self._over_noise([self.read.measured - moved, *own, *free])
-        table = _with_errors(table, self._over_noise(first))
+        shape = self.seen.shapes[:, 0]
+        table = self.read.over_noise([self.read.measured - moved, *own, *free], shape)
+        table = with_errors(table, self.read.over_noise(first, shape))
         n, release = 1 + len(own), table[:, 1 + len(own) :]
-        known = _without(table[:, :n], _orthonormal(release))
+        known = without(table[:, :n], release)
         return Columns(known[:, 0], known[:, 1:], release, table[:, 0], table[:, 1:n])
-
-    def _over_noise(self, columns: Sequence[Array]) -> Array:
-        first = self.seen.shapes[:, 0]
-        return np.stack([self.read.cosines(y, first) for y in columns], axis=1)
 
 
 def _rotating(x: Array, t: Array) -> Array:
@@ -312,29 +263,3 @@ def _rotating(x: Array, t: Array) -> Array:
     # Differences of few samples a cycle are too small, in the right phase.
     size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)
     return np.asarray(x - 1j * turned * size)
-
-
-def _with_errors(table: Array, errors: Array) -> Array:
-    """Columns made white again where errors, each a standard deviation, add to the noise."""
-    u, size, _ = np.linalg.svd(errors, full_matrices=False)
-    return np.asarray(table - u @ ((1 - 1 / np.sqrt(1 + size**2))[:, None] * (u.T @ table)))
-
-
-def _without(table: Array, basis: Array) -> Array:
-    return np.asarray(table - basis @ (basis.T @ table))
-
-
-_DEGREES = np.array([0, 1, 2, 3, 2, 3])  # in the amplitude, of what shapes follow
-
-
-def _along(q: Array, t: Array) -> Array:
-    """What shapes of a beam follow along the motion of its first mode: columns (n, 6)."""
-    rate = np.gradient(q, t)
-    return np.stack([np.ones_like(q), q, q**2, q**3, rate**2, q * rate**2], axis=1)
-
-
-def _orthonormal(columns: Array) -> Array:
-    """A basis of what columns span, those that say nothing new left out."""
-    size = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(u[:, s > _NEW * s[0]])

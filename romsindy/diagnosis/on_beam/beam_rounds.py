@@ -10,14 +10,13 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
+from romsindy.diagnosis.all_sensors import CYCLES, Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
     Latitude,
     Motion,
-    Readings,
     Tried,
-    followed,
     left_of,
     weigh,
 )
@@ -39,21 +38,16 @@ from romsindy.diagnosis.on_beam.place import (
     with_error_of_place,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
-from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.rounds import Outcome, Rounds
+from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
-_CYCLES = 12  # once it is calm: over these all sensors are heard
 _LISTENED = 3  # times, each with the best so far on the beam
-_NEAR = 0.02  # of the gap in the coordinate: so much a wrong place may leave of it
 _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
-
-Names = frozenset[str]
 
 
 class _Start(NamedTuple):
@@ -97,11 +91,10 @@ class BeamRounds(Rounds):
             report = found.report
             if found.trouble or report.verdict == "none" or not report.best.effects:
                 return found, None
-            asked = self.asked(report)
+            asked = self.near(report, _MOST) or [report.best]
             heard = self.heard(asked, slack)
-            self.elsewhere = _beyond_best(heard)
-            best = min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
-            place = heard[_names(best)].place if _names(best) in heard else None
+            best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
+            place = heard[names_of(best)].place if names_of(best) in heard else None
             parts = self._placed(best, place)
             there = {id(p) for p in best.parts}
             moved = [p for p in parts if id(p) not in there]
@@ -143,18 +136,6 @@ class BeamRounds(Rounds):
         moved = moved_to(self.seen, part, place.at, self.records[0])
         return tuple(moved if p is part else p for p in parts)
 
-    def asked(self, report: DiagnosisReport) -> list[Hypothesis]:
-        """What the coordinate leaves of explanations, as far as a beam can have them."""
-        best = report.best
-        gap = report.base.at(best.noise).misfit - best.misfit
-        near = [h for h in (best, *report.compared) if h.score < best.score + _NEAR * gap]
-        found: dict[Names, Hypothesis] = {}
-        for h in near:
-            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
-            if h.effects and there and len(h.effects) <= len(best.effects):
-                found.setdefault(_names(h), h)
-        return list(found.values())[:_MOST] or [best]
-
     def heard(self, asked: Sequence[Hypothesis], slack: Latitude) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of none."""
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
@@ -171,7 +152,7 @@ class BeamRounds(Rounds):
         t = record.decay.t
         own = self.seen.thinned(raw).between(t[0], t[-1])
         # From when it is calm, which may be after as many cycles.
-        last = calm + _CYCLES * 2 * np.pi / record.rate
+        last = calm + CYCLES * 2 * np.pi / record.rate
         return Readings.of(record, own, calm, last, self.options.floor)
 
     def _tried(self, h: Hypothesis, read: Sequence[Readings], slack: Latitude) -> Tried | None:
@@ -185,7 +166,7 @@ class BeamRounds(Rounds):
             starts = [self._start(i, parts) for i in range(len(read))]
             if len(movable) != 1:
                 (left,) = self._left([(parts, starts)], read, slack)
-                return Tried(_names(h), None, left[:, None])
+                return Tried(names_of(h), None, left[:, None])
             tried = self._at(points(self.seen.beam), h, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in self._weighed([tried], read))
@@ -216,7 +197,7 @@ class BeamRounds(Rounds):
             for there in several
         ]
         left = self._left(list(zip(several, begun, strict=True)), read, slack)
-        return Tried(_names(h), np.array(places), np.stack(left, axis=1))
+        return Tried(names_of(h), np.array(places), np.stack(left, axis=1))
 
     def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
@@ -263,17 +244,10 @@ class BeamRounds(Rounds):
             begin = self._start(i, (), (float(q), float(q_dot)))
             motion = _motion(self.seen, self.seen.beam, *self._early(i, own), begin)
             measured = smooth.spline(smooth.t[: len(own.t)])[0]
-            motions.append(followed(self.seen, own.t, motion, measured))
+            q = self.seen.coordinate(motion.readings)
+            same = followed(motion.readings, q, measured, own.t)
+            motions.append(motion._replace(readings=same))
         return Tried(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
-
-
-def _names(h: Hypothesis) -> Names:
-    return frozenset(p.effect.name for p in h.effects)
-
-
-def _beyond_best(heard: Mapping[Names, Heard]) -> dict[Names, float]:
-    least = min(h.misfit for h in heard.values())
-    return {names: h.misfit - least for names, h in heard.items()}
 
 
 def _left(
