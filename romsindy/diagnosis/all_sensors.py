@@ -119,7 +119,7 @@ def _orthonormal(columns: Array) -> Array:
     """A basis of what columns span, those that say nothing new left out."""
     size = np.linalg.norm(columns, axis=0)
     u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(u[:, s > _NEW * s[0]])
+    return np.asarray(u[:, s > _NEW * s.max(initial=0)])
 
 
 def noise_of(least: float, samples: int) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,43 +15,15 @@ from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.report import in_json
-from romsindy.diagnosis.structure import Corrected, channel_noises
+from romsindy.diagnosis.structure import SensorError
 from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record
-from romsindy.record.decay import Decay
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
-_FLOOR = 1e-6  # of the largest reading: the least noise
 _SIDES = ("before", "after", "part")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """Rms of measured minus simulated displacement, over the noise, of one sensor."""
-
-    label: str
-    before: float
-    after: float
-    part: float  # the rms afterwards, as a part of that of the response
-    noise: float  # standard deviation, unit of what it reads
-
-
-def sensor_errors(
-    labels: Sequence[str], decay: Decay, both: Sequence[Corrected]
-) -> tuple[SensorError, ...]:
-    """Every sensor against the structure before and after, in one record."""
-    decay = decay.between(end=both[0].decay.t[-1])
-    readings = decay.signal.reshape(-1, len(labels))
-    record = Record.of(both[-1].decay.between(decay.t[0]), _FLOOR)
-    noise = np.array([n.std for n in channel_noises(record, decay, _FLOOR)])
-    left = [readings - c.readings[-len(readings) :] for c in both]
-    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
-    told = before / noise, after / noise, after / np.std(readings, axis=0), noise
-    return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)

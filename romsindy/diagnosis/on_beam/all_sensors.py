@@ -18,9 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import (
-    GAINS,
     FirstMode,
     Readings,
     by_gains,
@@ -29,54 +27,16 @@ from romsindy.diagnosis.all_sensors import (
     without,
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
-from romsindy.fit.verdict import PLACE_RISE, SAME_DAMPING
+from romsindy.fit.verdict import PLACE_RISE
 from romsindy.typing import Array
 
 _FINE = 51  # places between two points
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
-# Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
-# of steps in time and of small masses grow with the frequency.
-_FREQUENCY = 5e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Latitude:
-    """What sensors and higher modes may do beside what is simulated: standard deviations."""
-
-    gains: Array  # (n_sensors,), relative, of the sensors
-    frequencies: Array  # (n_modes,), relative, of the modes above the first that are told apart
-    rates: Array  # (n_modes,), of their damping, 1/s
-
-    @property
-    def spreads(self) -> Array:
-        """All, as the columns that they belong to."""
-        pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
-        return np.concatenate([self.gains, pairs])
-
-    @classmethod
-    def of(
-        cls,
-        seen: InstrumentedBeam,
-        doubtful: Sequence[Beam],
-        damping: tuple[float, float],
-        gains: Array,
-    ) -> Latitude:
-        """Latitude of a beam, given what it would be if each doubtful parameter were another.
-
-        ``damping`` are standard deviations of alpha and eta, 1/s and s; zero where none is stated.
-        """
-        count = seen.shapes.shape[1]
-        omega = seen.basis.omega[:count]
-        shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
-        least = _FREQUENCY * omega / omega[min(1, count - 1)]
-        frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
-        alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
-        rates = np.hypot(alpha, eta * omega**2) / 2
-        return cls(np.hypot(GAINS, gains), frequencies[1:], rates[1:])
-
-
-class Motion(NamedTuple):
+class SimulatedReadings(NamedTuple):
     """What the sensors read of a simulated beam, (n, n_sensors) each."""
 
     readings: Array
@@ -84,7 +44,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class TriedOnBeam:
     """An explanation that a beam was simulated with, at one point or at several.
 
     Attributes
@@ -106,11 +66,11 @@ class Tried:
         """Points of an effect that can be anywhere."""
         return np.zeros(0) if self.at is None else self.at
 
-    def joined(self, more: Tried) -> Tried:
+    def joined(self, more: TriedOnBeam) -> TriedOnBeam:
         """The same with further points."""
         at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
         order = np.argsort(at)
-        return Tried(self.names, at[order], left[:, order])
+        return TriedOnBeam(self.names, at[order], left[:, order])
 
 
 class Heard(NamedTuple):
@@ -124,7 +84,7 @@ class Heard(NamedTuple):
     place: PlaceOnBeam | None
 
 
-def weigh(tried: Sequence[Tried], samples: int, length: float) -> list[Heard]:
+def weigh(tried: Sequence[TriedOnBeam], samples: int, length: float) -> list[Heard]:
     """What all sensors say of some explanations, by so many ``samples``, of a beam of a ``length``.
 
     Where none of them leaves noise alone, what the best leaves counts as noise.
@@ -134,7 +94,7 @@ def weigh(tried: Sequence[Tried], samples: int, length: float) -> list[Heard]:
     return [_heard(fine, x / noise, length) for fine, x in profiles]
 
 
-def _profile(tried: Tried) -> tuple[Array | None, Array]:
+def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
     """Points of a fine grid, and chi-square there, of an explanation."""
     if tried.at is None:
         return None, np.sum(tried.left**2, axis=0)
@@ -154,13 +114,16 @@ def _heard(fine: Array | None, chi_squared: Array, length: float) -> Heard:
 
 
 def left_of(
-    seen: InstrumentedBeam, read: Sequence[Readings], motions: Sequence[Motion], slack: Latitude
+    seen: InstrumentedBeam,
+    read: Sequence[Readings],
+    motions: Sequence[SimulatedReadings],
+    slack: Latitude,
 ) -> Array:
     """What motions leave of the sensors beside the first mode, over the noise, and of the slack.
 
     How much the higher modes are off is fitted, for their phase may run away by radians.
     """
-    heard = [Ringing.of(seen, *pair) for pair in zip(read, motions, strict=True)]
+    heard = [HigherModes.of(seen, *pair) for pair in zip(read, motions, strict=True)]
     n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
     off, more = np.zeros(2 * n_higher), [np.zeros(n_higher, complex)] * len(read)
     for _ in range(_ITERATIONS):
@@ -193,7 +156,7 @@ class Columns(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Ringing:
+class HigherModes:
     """A motion in a record: its first mode with what follows that, and every higher mode.
 
     ``rung`` and ``more`` are the higher modes of the motion and of what more of them in the release
@@ -202,7 +165,7 @@ class Ringing:
 
     seen: InstrumentedBeam
     read: Readings
-    motion: Motion
+    motion: SimulatedReadings
     first: FirstMode
     rung: Array
     more: Array
@@ -211,7 +174,7 @@ class Ringing:
     bent: Array
 
     @classmethod
-    def of(cls, seen: InstrumentedBeam, read: Readings, motion: Motion) -> Ringing:
+    def of(cls, seen: InstrumentedBeam, read: Readings, motion: SimulatedReadings) -> HigherModes:
         """Part a motion."""
         project, t = np.linalg.pinv(seen.shapes).T[:, 1:], read.t
         first = FirstMode.of(seen.coordinate(motion.readings), motion.readings, t)
@@ -258,7 +221,7 @@ class Ringing:
 
 
 def _rotating(x: Array, t: Array) -> Array:
-    """Ringing modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
+    """HigherModes modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
     turned = np.gradient(x, t, axis=0)
     # Differences of few samples a cycle are too small, in the right phase.
     size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)

@@ -14,11 +14,16 @@ from romsindy.diagnosis.all_sensors import CYCLES, Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
-    Latitude,
-    Motion,
-    Tried,
+    SimulatedReadings,
+    TriedOnBeam,
     left_of,
     weigh,
+)
+from romsindy.diagnosis.on_beam.anywhere import (
+    can_be_anywhere,
+    moved_to,
+    place_now,
+    with_error_of_place,
 )
 from romsindy.diagnosis.on_beam.defect import (
     FAILURES,
@@ -29,14 +34,9 @@ from romsindy.diagnosis.on_beam.defect import (
     simulated,
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.parameters import points
-from romsindy.diagnosis.on_beam.place import (
-    PlaceOnBeam,
-    can_be_anywhere,
-    moved_to,
-    place_now,
-    with_error_of_place,
-)
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.effects.base import Effect
@@ -50,7 +50,7 @@ _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
 
 
-class _Start(NamedTuple):
+class _Begun(NamedTuple):
     """How a record begins: coordinate and its rate, the release, one that rings modes more."""
 
     state: tuple[float, float]
@@ -140,7 +140,7 @@ class BeamRounds(Rounds):
         """What all sensors say of explanations, and of none."""
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
-        found: list[Tried | None] = [self._without(read, slack)]
+        found: list[TriedOnBeam | None] = [self._without(read, slack)]
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
@@ -155,7 +155,9 @@ class BeamRounds(Rounds):
         last = calm + CYCLES * 2 * np.pi / record.rate
         return Readings.of(record, own, calm, last, self.options.floor)
 
-    def _tried(self, h: Hypothesis, read: Sequence[Readings], slack: Latitude) -> Tried | None:
+    def _tried(
+        self, h: Hypothesis, read: Sequence[Readings], slack: Latitude
+    ) -> TriedOnBeam | None:
         """The beam with an explanation, at several points if it can be anywhere.
 
         None where it would have to be stronger than the beam bears.
@@ -166,7 +168,7 @@ class BeamRounds(Rounds):
             starts = [self._start(i, parts) for i in range(len(read))]
             if len(movable) != 1:
                 (left,) = self._left([(parts, starts)], read, slack)
-                return Tried(names_of(h), None, left[:, None])
+                return TriedOnBeam(names_of(h), None, left[:, None])
             tried = self._at(points(self.seen.beam), h, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in self._weighed([tried], read))
@@ -182,10 +184,10 @@ class BeamRounds(Rounds):
         self,
         places: Sequence[float],
         h: Hypothesis,
-        starts: Sequence[_Start],
+        starts: Sequence[_Begun],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> Tried:
+    ) -> TriedOnBeam:
         """The beam with an effect that can be anywhere, at some points."""
         parts = self.structure.with_effects(h.parts)
         (part,) = (p for p in parts if can_be_anywhere(p))
@@ -197,7 +199,7 @@ class BeamRounds(Rounds):
             for there in several
         ]
         left = self._left(list(zip(several, begun, strict=True)), read, slack)
-        return Tried(names_of(h), np.array(places), np.stack(left, axis=1))
+        return TriedOnBeam(names_of(h), np.array(places), np.stack(left, axis=1))
 
     def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
@@ -205,7 +207,7 @@ class BeamRounds(Rounds):
 
     def _left(
         self,
-        several: Sequence[tuple[Sequence[Part], Sequence[_Start]]],
+        several: Sequence[tuple[Sequence[Part], Sequence[_Begun]]],
         read: Sequence[Readings],
         slack: Latitude,
     ) -> list[Array]:
@@ -215,13 +217,13 @@ class BeamRounds(Rounds):
         tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
         return list(self.parallel(tasks))
 
-    def _weighed(self, tried: Sequence[Tried], read: Sequence[Readings]) -> list[Heard]:
+    def _weighed(self, tried: Sequence[TriedOnBeam], read: Sequence[Readings]) -> list[Heard]:
         samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
         return weigh(tried, samples, self.seen.beam.length)
 
     def _start(
         self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None
-    ) -> _Start:
+    ) -> _Begun:
         """How a record begins with some parts."""
         beam = beam_with(self.seen.beam, parts)
         start = self._state(i, parts) if start is None else start
@@ -230,12 +232,12 @@ class BeamRounds(Rounds):
         if release is None:
             release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
         modes = self.seen.shapes.shape[1]
-        return _Start(start, release, ringing(beam, start, release, modes, own.dt))
+        return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
 
     def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
         return self.records[i].until(float(read.t[-1])), self.raw[i]
 
-    def _without(self, read: Sequence[Readings], slack: Latitude) -> Tried:
+    def _without(self, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
         """The beam as it is, along the first mode as that was measured."""
         motions = []
         for i, own in enumerate(read):
@@ -247,13 +249,13 @@ class BeamRounds(Rounds):
             q = self.seen.coordinate(motion.readings)
             same = followed(motion.readings, q, measured, own.t)
             motions.append(motion._replace(readings=same))
-        return Tried(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
+        return TriedOnBeam(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
 
 
 def _left(
     seen: InstrumentedBeam,
     parts: Sequence[Part],
-    starts: Sequence[_Start],
+    starts: Sequence[_Begun],
     early: Sequence[tuple[Record, Decay]],
     read: Sequence[Readings],
     slack: Latitude,
@@ -266,12 +268,12 @@ def _left(
 
 
 def _motion(
-    seen: InstrumentedBeam, beam: Beam, record: Record, decay: Decay, start: _Start
-) -> Motion:
+    seen: InstrumentedBeam, beam: Beam, record: Record, decay: Decay, start: _Begun
+) -> SimulatedReadings:
     """What sensors read of a beam."""
     fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
     usual, more = (
         simulated(seen, beam, record, decay, start.state, r, fastest)[record.derivative]
         for r in (start.release, start.more)
     )
-    return Motion(usual, more - usual)
+    return SimulatedReadings(usual, more - usual)

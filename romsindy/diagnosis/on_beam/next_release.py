@@ -22,8 +22,8 @@ from romsindy.beam.structure import FREE
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice
-from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.mounted import DampingEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
 from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, beam_with
@@ -36,7 +36,7 @@ _SMALL = 1e-6  # m kg^0.5 / s: of the second mode, for the slope of a damping
 
 
 @dataclass(frozen=True)
-class Release:
+class ReleaseWay:
     """A way to let a beam go that could be chosen: pulled, or struck, at a part of its length."""
 
     words: str
@@ -52,13 +52,13 @@ class Release:
         return np.asarray(moved / moved[0])
 
 
-RELEASES = (
-    Release("a release from a pull at the end that is free", 1.0),
-    Release("a release from a pull in the middle", 0.5),
-    Release("a release from a pull at 0.7 of the length", 0.7),
-    Release("a hit in the middle", 0.5, struck=True),
-    Release("a hit at 0.7 of the length", 0.7, struck=True),
-    Release("a hit at the end that is free", 1.0, struck=True),
+WAYS = (
+    ReleaseWay("a release from a pull at the end that is free", 1.0),
+    ReleaseWay("a release from a pull in the middle", 0.5),
+    ReleaseWay("a release from a pull at 0.7 of the length", 0.7),
+    ReleaseWay("a hit in the middle", 0.5, struck=True),
+    ReleaseWay("a hit at 0.7 of the length", 0.7, struck=True),
+    ReleaseWay("a hit at the end that is free", 1.0, struck=True),
 )
 
 
@@ -100,7 +100,7 @@ def next_release(
     count = seen.shapes.shape[1]
     modes = [ModesAtRest.of(beam_with(seen.beam, h.parts), count) for h in rivals]
     prior = weights(rivals)
-    releases = [r for r in RELEASES if seen.beam.right == FREE or r.at < 1]
+    releases = [r for r in WAYS if seen.beam.right == FREE or r.at < 1]
     shown = [
         _told(seen, modes, _amplitudes(seen, r, record), record, noise, slack) for r in releases
     ]
@@ -113,7 +113,7 @@ def next_release(
     return Advice(test, test.words, odds, names, True, tuple(dict.fromkeys(own)))
 
 
-def _amplitudes(seen: InstrumentedBeam, release: Release, record: Record) -> Array:
+def _amplitudes(seen: InstrumentedBeam, release: ReleaseWay, record: Record) -> Array:
     """Of the modes, kg^0.5 m, where the first is as large as in a record."""
     count = seen.shapes.shape[1]
     basis = seen.beam.modes(count=count)

@@ -13,10 +13,11 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice
-from romsindy.diagnosis.on_beam.all_sensors import Latitude
+from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, place_now
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import linear, next_release
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam, can_be_anywhere, place_now
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Adjusted,

@@ -16,7 +16,6 @@ from romsindy.beam.equilibrium import Shape
 from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
 from romsindy.diagnosis.on_beam.defect import FAILURES, OnBeam, ReleaseLoad
 from romsindy.diagnosis.on_beam.instrumented import (
@@ -25,6 +24,7 @@ from romsindy.diagnosis.on_beam.instrumented import (
     checked_readings,
     coarse,
 )
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     PLACED_MASS,
@@ -40,8 +40,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_gains,
 )
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.structure import corrected
-from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE

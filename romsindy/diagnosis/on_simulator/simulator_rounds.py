@@ -24,8 +24,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
-from romsindy.diagnosis.structure import Corrected, key_of
-from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.structure import Corrected, key_of, sensor_errors
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of

@@ -14,7 +14,7 @@ from romsindy.diagnosis.on_simulator.seen import OnSimulator
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
-from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.structure import sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
