@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +51,14 @@ class PlaceOnBeam:
         if self.high - self.low > apart:
             return []
         return [x for x in (self.at - apart / 4, self.at + apart / 4) if known[0] < x < known[-1]]
+
+    def about(self, points: Sequence[float]) -> list[float]:
+        """Where to look again, of ``points`` at equal distances: all, or about where it was."""
+        if not self.told:
+            return list(points)
+        apart = points[1] - points[0]
+        near = np.clip([self.at - apart, self.at, self.at + apart], points[0], points[-1])
+        return sorted(set(near.tolist()))
 
     def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""
