@@ -69,5 +69,4 @@ class PlaceOnBeam:
             return f"it acts at {self.at:.3g} m ({self.low:.3g} to {self.high:.3g} m)"
         if not self.strengths:
             return "these data cannot tell where on the beam it acts"
-        there = " to ".join(f"{x:.2g}" for x in self.strengths)
-        return f"between {self.low:.2g} and {self.high:.2g} m, as strong as {there} there"
+        return f"between {self.low:.2g} and {self.high:.2g} m"
