@@ -78,13 +78,16 @@ class Experiment:
         return self.words.format(amplitude=size)
 
 
+AGAIN = Experiment("the same release again", 1.0)
+LARGER = Experiment("a decay from {amplitude}", 1.0, amplitude=1.5)
+LONGER = Experiment("a record twice as long", 2.0, duration=2.0)
 EXPERIMENTS = (
-    Experiment("the same release again", 1.0),
+    AGAIN,
     Experiment("a release to the other side", 1.0, amplitude=-1.0),
     Experiment("a decay from {amplitude}", 1.0, amplitude=0.5),
-    Experiment("a decay from {amplitude}", 1.0, amplitude=1.5),
+    LARGER,
     Experiment("the same release twice more", 2.0, repetitions=2),
-    Experiment("a record twice as long", 2.0, duration=2.0),
+    LONGER,
     Experiment("the same release after ten times the length of a record", 2.0, wait=10.0),
     Experiment("a decay from {amplitude}", 2.0, amplitude=2.0),
     Experiment("the same release four times more", 4.0, repetitions=4),
@@ -115,8 +118,6 @@ class Advice:
         in three of four cases, whichever is right. No more than 1000 are promised.
     rivals : tuple of str
         What it is to tell apart, the best first.
-    explained : bool
-        Whether they explain the data so far.
     otherwise : tuple of str
         What the effects themselves advise, for where no simulated test tells enough.
     """
@@ -125,7 +126,6 @@ class Advice:
     action: str
     odds: float
     rivals: tuple[str, ...]
-    explained: bool
     otherwise: tuple[str, ...] = ()
 
     @property
@@ -143,10 +143,7 @@ class Advice:
         """The advice in words, to follow "Next: "."""
         *others, last = self.rivals
         expected = f"(expected odds {float(f'{self.odds:.2g}'):g} : 1)"
-        if self.explained:
-            aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
-        else:
-            aim = f"show whether what is missing is nearer to {', '.join(others)} or {last}"
+        aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
         if self.enough:
             return f"{self.action} would {aim} {expected}."
         best = f"the best of them is {self.action} {expected}"
@@ -329,25 +326,21 @@ def next_test(
     model: ReducedModel,
     records: Sequence[Record],
     tests: Sequence[Experiment] = EXPERIMENTS,
-    *,
-    explained: bool = True,
 ) -> Advice | None:
     """The cheapest test that would tell rivals apart; of several, that with the best expected odds.
 
     Where none would, the one that comes nearest; None where there is nothing to tell apart, or no
     test that the model, the simulation as it was, can simulate. The rivals are fitted to the
-    records, the best first. Where these are not ``explained`` the odds so far mean nothing, and the
-    test is to show which of the rivals is nearest to what is missing.
+    records, the best first.
     """
     rivals = rivals[:_RIVALS]
     if len(rivals) < 2:
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
-    shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
     compared = _Comparison(
         [Extrapolation.of(model, h, records, largest) for h in rivals],
-        np.array([h.score if explained else 0.0 for h in rivals]),
-        shares,
+        np.array([h.score for h in rivals]),
+        weights(rivals),
         records,
         largest,
     )
@@ -359,7 +352,7 @@ def next_test(
     names = tuple(titles(h) for h in rivals)
     own = [p.effect.advice for h in rivals for p in h.effects]
     otherwise = tuple(dict.fromkeys(words for words in own if words != Effect.advice))
-    return Advice(test, action, odds, names, explained, otherwise)
+    return Advice(test, action, odds, names, otherwise)
 
 
 def _best(tests: Sequence[Experiment], compared: _Comparison) -> tuple[float, Experiment | None]:

@@ -17,6 +17,7 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, we
 from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.more_of_it import MoreOfIt, more_of_it
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.diagnosis.written import Written
@@ -338,25 +339,20 @@ class DiagnosisReport(BesideDecays, Explained):
         return left_over(self.best, *given)
 
     @cached_property
-    def next_test(self) -> Advice | None:
-        """The test that would best tell apart what these data do not; None where none is needed."""
+    def next_test(self) -> Advice | MoreOfIt | None:
+        """The test that would best tell apart what these data do not; None where none is needed.
+
+        Where nothing explains the data, that which shows more of what is missing.
+        """
+        if self.verdict == "unknown":
+            return more_of_it(self.gap, max(r.amplitude for r in self.records))
         return self.advised()
 
     def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
-        """The same, of the tests that can be made.
-
-        Where nothing explains the data, what came nearest is to be told apart.
-        """
-        given = (self.nominal, self.records, tests)
-        if self.verdict == "ambiguous":
-            return next_test(self.rivals, *given)
-        if self.verdict == "unknown":
-            nearest: dict[tuple[str, ...], Hypothesis] = {}
-            for h in (self.best, *self.compared):
-                if h.names and len(h.effects) <= max(len(self.best.effects), 1):
-                    nearest.setdefault(h.names, h)
-            return next_test(list(nearest.values()), *given, explained=False)
-        return None
+        """Of the tests that can be made, that which would best tell explanations apart."""
+        if self.verdict != "ambiguous":
+            return None
+        return next_test(self.rivals, self.nominal, self.records, tests)
 
     # -- words ---------------------------------------------------------------------------------
 
@@ -365,7 +361,7 @@ class DiagnosisReport(BesideDecays, Explained):
         lines = self.lines(words.remainder(self.gap, self.left), self.next_test)
         return "\n".join([*lines, *words.within(self.within)])
 
-    def lines(self, left: str, advice: Advice | None) -> list[str]:
+    def lines(self, left: str, advice: Advice | MoreOfIt | None) -> list[str]:
         """The lines of the finding, with what is left, and what to do next, of one's own."""
         lines = [
             *self._interrupted,
@@ -434,7 +430,7 @@ class DiagnosisReport(BesideDecays, Explained):
         return {**super().page(), "formula": self.model.latex_terms()}
 
 
-def in_json(advice: Advice) -> dict[str, Any]:
+def in_json(advice: Advice | MoreOfIt) -> dict[str, Any]:
     """What JSON says of the next test."""
     return {k: getattr(advice, k) for k in _ADVICE}
 

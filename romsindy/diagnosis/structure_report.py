@@ -13,6 +13,7 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.more_of_it import MoreOfIt
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.report import in_json
 from romsindy.diagnosis.structure import SensorError
@@ -74,7 +75,7 @@ class StructureReport(Written):
 
     @property
     @abstractmethod
-    def next_test(self) -> Advice | None:
+    def next_test(self) -> Advice | MoreOfIt | None:
         """The test that would best tell apart what these data do not; None where none is needed."""
 
     @property

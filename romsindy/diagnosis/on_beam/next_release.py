@@ -110,7 +110,7 @@ def next_release(
     names = tuple(titles(h) for h in rivals)
     own = [p.effect.advice for h in rivals for p in h.effects]
     test = releases[best]
-    return Advice(test, test.words, odds, names, True, tuple(dict.fromkeys(own)))
+    return Advice(test, test.words, odds, names, tuple(dict.fromkeys(own)))
 
 
 def _amplitudes(seen: InstrumentedBeam, release: ReleaseWay, record: Record) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
+from romsindy.diagnosis.more_of_it import MoreOfIt
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, place_now
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -93,7 +94,7 @@ class BeamReport(StructureReport):
         return adjusted(self.reduced.best)
 
     @cached_property
-    def next_test(self) -> Advice | None:
+    def next_test(self) -> Advice | MoreOfIt | None:
         """The test that would best tell apart what these data do not; None where none is needed.
 
         What does the same to the first mode at any amplitude other modes tell apart: a release that

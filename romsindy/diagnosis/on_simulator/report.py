@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from romsindy.diagnosis import words
+from romsindy.diagnosis.more_of_it import MoreOfIt
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_simulator.effects import ValueEffect
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
@@ -62,7 +63,7 @@ class SimulatorReport(StructureReport):
         return {name: value for name, value in self.values.items() if name in names}
 
     @property
-    def next_test(self) -> Advice | None:
+    def next_test(self) -> Advice | MoreOfIt | None:
         """The test that would best tell apart what these data do not; None where none is needed."""
         return self.reduced.next_test
 
