@@ -14,7 +14,6 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis.gap import Gap, Prediction
-from romsindy.diagnosis.more_of_it import more_of_it
 from romsindy.diagnosis.next_test import (
     AGAIN,
     EXPERIMENTS,
@@ -22,6 +21,7 @@ from romsindy.diagnosis.next_test import (
     LONGER,
     Experiment,
     Extrapolation,
+    more_of_it,
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
@@ -178,7 +178,8 @@ def test_what_grows_with_the_amplitude_asks_for_a_larger_one(power, test):
     noise = NOISE * np.random.default_rng(4).standard_normal(len(t))
     record = Record.of(rs.Decay(t, measured + noise, unit="rad"), 1e-6)
     whole = replace(record, signal=measured + left)
-    advice = more_of_it(Gap((Prediction(whole, measured, measured),), False), 1.0)
+    gap = Gap((Prediction(whole, measured, measured),), False)
+    advice = more_of_it(gap.loud_and_quiet, 1.0, gap.shown)
     assert advice.test == test
     loud = amplitude > 0.5
     sizes = (np.sqrt(np.mean(left[part] ** 2)) / record.noise.std for part in (loud, ~loud))

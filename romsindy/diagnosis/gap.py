@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -90,6 +91,17 @@ class Prediction:
             return None
 
 
+class LoudAndQuiet(NamedTuple):
+    """Rms of what is left over the noise, in cycles above and below half of the largest amplitude.
+
+    ``half`` is that amplitude.
+    """
+
+    loud: float
+    quiet: float
+    half: float
+
+
 @dataclass(frozen=True, repr=False)
 class Gap:
     """Before and after, on what took no part in the fit."""
@@ -116,6 +128,22 @@ class Gap:
     def worst(self) -> int:
         """Number of the record with the largest error afterwards."""
         return int(np.argmax([p.error(p.after) for p in self.predictions]))
+
+    @property
+    def loud_and_quiet(self) -> LoudAndQuiet | None:
+        """What is left by amplitude, where that is most; None where all cycles are alike."""
+        p = self.predictions[self.worst]
+        cycles = p.backbone(p.record.signal)
+        if cycles is None:
+            return None
+        half = float(cycles.amplitude.max()) / 2
+        loud = np.interp(p.record.t, cycles.t, cycles.amplitude) > half
+        misfit = p.misfit(p.after) / p.record.noise.std
+        left = [x[~np.isnan(x)] for x in (misfit[loud], misfit[~loud])]
+        if min(map(len, left)) == 0:
+            return None
+        above, below = (float(np.sqrt(np.mean(x**2))) for x in left)
+        return LoudAndQuiet(above, below, half)
 
     @property
     def before(self) -> float:

@@ -20,6 +20,7 @@ from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
+from romsindy.diagnosis.gap import LoudAndQuiet
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation
@@ -34,6 +35,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.spectrum import Spectrum
+from romsindy.text import Shown, two_digits
 from romsindy.typing import Array
 
 QUARTILE = float(norm.ppf(0.75))  # one in four comes out worse than what is promised
@@ -41,6 +43,7 @@ _STEPS = 12  # a cycle: truth and rival share their error
 _LEAST_CYCLES = 6
 _LOST = 1e4  # a linearised motion that goes so many amplitudes astray says nothing
 _TURN = 2 * np.pi
+_GROWS = 1.25  # times as much in loud cycles as in quiet ones, or the other way
 _GROWN = 1.5  # a motion that goes so far beyond its release escapes
 
 
@@ -149,6 +152,56 @@ class Advice:
         best = f"the best of them is {self.action} {expected}"
         beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
         return f"no test that was simulated would {aim}; {best}{beside}."
+
+
+@dataclass(frozen=True)
+class MoreOfIt:
+    """The test to make next where nothing explains the data.
+
+    Attributes
+    ----------
+    test : Experiment
+    action : str
+        What to do, in words.
+    loud, quiet : float
+        What is left over the noise above and below an amplitude, see `Gap.loud_and_quiet`.
+    half : str
+        That amplitude, with its unit.
+    """
+
+    test: Experiment
+    action: str
+    loud: float
+    quiet: float
+    half: str
+    odds: None = None  # between what was refused mean nothing
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def cost(self) -> float:
+        """In repetitions of the largest release so far."""
+        return self.test.cost
+
+    @property
+    def sentence(self) -> str:
+        """The advice in words, to follow "Next: "."""
+        aim = "whether it repeats" if self.test == AGAIN else "more of what is missing"
+        sizes = f"{two_digits(self.loud)} times the noise above {self.half}"
+        return (
+            f"{self.action} would show {aim}: what is left is {sizes},"
+            f" {two_digits(self.quiet)} times below."
+        )
+
+
+def more_of_it(left: LoudAndQuiet, largest: float, shown: Shown) -> MoreOfIt:
+    """Whether a larger amplitude, a longer record or the same again shows more of what is left.
+
+    ``largest`` is the largest amplitude so far.
+    """
+    loud, quiet, half = left
+    test = LARGER if loud > _GROWS * quiet else LONGER if quiet > _GROWS * loud else AGAIN
+    action = test.words.format(amplitude=shown.told(abs(test.amplitude) * largest))
+    return MoreOfIt(test, action, loud, quiet, shown.told(half))
 
 
 @dataclass(frozen=True)

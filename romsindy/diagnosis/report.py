@@ -17,8 +17,14 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, we
 from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.more_of_it import MoreOfIt, more_of_it
-from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.next_test import (
+    EXPERIMENTS,
+    Advice,
+    Experiment,
+    MoreOfIt,
+    more_of_it,
+    next_test,
+)
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.diagnosis.written import Written
 from romsindy.effects.base import Scales
@@ -345,7 +351,8 @@ class DiagnosisReport(BesideDecays, Explained):
         Where nothing explains the data, that which shows more of what is missing.
         """
         if self.verdict == "unknown":
-            return more_of_it(self.gap, max(r.amplitude for r in self.records))
+            left, largest = self.gap.loud_and_quiet, max(r.amplitude for r in self.records)
+            return None if left is None else more_of_it(left, largest, self.gap.shown)
         return self.advised()
 
     def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:

@@ -13,8 +13,7 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.more_of_it import MoreOfIt
-from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.report import in_json
 from romsindy.diagnosis.structure import SensorError
 from romsindy.diagnosis.written import Written

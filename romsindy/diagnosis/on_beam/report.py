@@ -12,8 +12,7 @@ import numpy as np
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
-from romsindy.diagnosis.more_of_it import MoreOfIt
-from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, place_now
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude

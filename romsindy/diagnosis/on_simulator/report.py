@@ -7,8 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.more_of_it import MoreOfIt
-from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.on_simulator.effects import ValueEffect
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
 from romsindy.diagnosis.structure_report import StructureReport
