@@ -211,7 +211,7 @@ def test_without_other_modes_a_record_turned_just_before():
 def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
     """What is right leaves noise: chi-square is the number of samples, within four deviations."""
     seen, record, decay, clean = two_modes_cut(0.0)
-    read = Readings.of(record, decay, 0.0, 12 * CYCLE, 1e-6)
+    read = Readings.of(record, decay, 0.0, 1e-6)
     n = len(read.t)
 
     def left(motion):

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from romsindy.diagnosis.all_sensors import (
-    CYCLES,
     GAINS,
     FirstMode,
     Readings,
@@ -20,7 +19,7 @@ from romsindy.diagnosis.all_sensors import (
     with_errors,
     without,
 )
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
@@ -29,7 +28,7 @@ from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Part, Solution, moved_parts
+from romsindy.fit.kernel.part import Part, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.record.decay import SIGNALS, Decay
 from romsindy.record.spectrum import noise_std
@@ -157,8 +156,7 @@ class SimulatorRounds(Rounds):
                 parts = self.structure.with_effects(h.parts)
                 motions = [self._motion(i, parts, float(r.t[-1])) for i, r in enumerate(read)]
             left[names_of(h)] = self._left(read, motions)
-        samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
-        noise = noise_of(min(left.values()), samples)
+        noise = noise_of(min(left.values()), read)
         return {names: x / noise for names, x in left.items()}
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
@@ -170,8 +168,7 @@ class SimulatorRounds(Rounds):
         """What all sensors read in a record."""
         record = self.records[i]
         own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
-        last = self.calm[i] + CYCLES * 2 * np.pi / record.rate
-        return Readings.of(record, own, self.calm[i], last, self.options.floor)
+        return Readings.of(record, own, self.calm[i], self.options.floor)
 
     def _without(self, i: int, read: Readings) -> Array:
         """What the sensors read of the simulator as it is, along the first mode as measured."""
@@ -301,21 +298,12 @@ class LinearReadings(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InSimulator:
+class InSimulator(Amended):
     """What a fit says of the values in a simulator: those in its equation, and by how much more."""
 
-    weighed: Any  # what it says of those in the equation, a `Weighing`
     more: Mapping[tuple[str, str], Array]
 
-    @property
-    def needed(self) -> Any:
-        return self.weighed.needed
-
-    def excess(self, noise: Any) -> float:
-        return float(self.weighed.excess(noise))
-
-    def solved(self, solution: Solution, noise: Any) -> Any:
-        found = self.weighed.solved(solution, noise)
+    def amended(self, found: Solved) -> Solved:
         there = [
             p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
         ]
