@@ -57,12 +57,12 @@ class SimulatorRounds(Rounds):
     structure: OnSimulator
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
 
-    def simulate(self, parts: Sequence[Part], *, begun: bool = False) -> list[Corrected]:
+    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
 
-        How records begin is looked at anew, unless that is known by now.
+        How records begin is looked at anew, unless the same effects were there before.
         """
-        if not begun:
+        if [key_of(p) for p in parts] != [key_of(p) for p in self.own]:
             self.releases = [None] * len(self.records)
         found = super().simulate(parts)
         seen = [
@@ -97,20 +97,31 @@ class SimulatorRounds(Rounds):
     ) -> Outcome:
         """As every structure; then the simulator itself comes as near to the records as it can."""
         best = super().run(effects, before, parts)
+        if best.trouble or not best.parts:
+            return best
+        nearer = self._polished(best)
+        if nearer is best:
+            return best
+        report = self._look(effects, nearer.corrected, len(best.report.best.effects))
+        same = report.best.names == best.report.best.names
+        return nearer._replace(report=report) if same else best
+
+    def _polished(self, best: Outcome) -> Outcome:
+        """The same, but for its report, with the simulator as near to the records as it comes."""
+        error = self.own_error(best.corrected)
         for _ in range(_POLISHED):
-            if best.trouble or not best.parts or self.own_error(best.corrected) <= _CLOSE:
+            if error <= _CLOSE:
                 break
             self.options.progress(f"{self.structure.what} nearer to the records")
             try:
                 changed = self._nearer(best)
-                found = self.simulate(changed, begun=True)
+                found = self.simulate(changed)
             except self.structure.failures:  # what was found stands, and so does its error
                 break
-            report = self._look(effects, found, len(best.report.best.effects))
-            nearer = self.own_error(found) < self.own_error(best.corrected)
-            if not nearer or report.best.names != best.report.best.names:
+            last, error = error, self.own_error(found)
+            if error >= last:
                 break
-            best = Outcome(report, changed, found)
+            best = best._replace(parts=changed, corrected=found)
         return best
 
     def over_all_sensors(self, found: Outcome) -> Outcome:
@@ -247,11 +258,14 @@ class SimulatorRounds(Rounds):
         return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
-        """What was found, less what the equation needs for what is in the simulator."""
+        """What was found, less what the equation needs for what is in the simulator.
+
+        A value that is held in what was found is held from then on.
+        """
         there = {key_of(p): p for p in parts}
         own = {key_of(p): p for p in self.own}
         return tuple(
-            there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
+            p.moved(there[key].values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
 
