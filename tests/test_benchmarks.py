@@ -410,7 +410,17 @@ def test_a_beam_trial_is_made_once_and_told_wrongly(benchmark, tmp_path, monkeyp
     assert np.all(np.abs(shifts) <= 2.001e-3) and len(truth["effects"]) == 1
     rows = importlib.import_module("beam_rows")
     found = {"right": True, "place": 0.3, "length": 0.45, "found_at": 0.31}
-    assert "1 of 1, within" in rows.place_line([found, found | {"right": False}])
+    found |= {"interval": [0.29, 0.32], "strength": [1.0, 1.2], "true_strength": 1.3}
+    said = rows.place_line([found, found | {"right": False}])
+    assert "1 of 1, within 5 %" in said and "strength in 0 of 1" in said
+    assert "within its interval in 1 of 1, which is at most a fifth of the length in 1" in said
+
+
+@benchmark_of("exudyn_trials")
+def test_trials_of_damping_hide_linear_damping_alone(benchmark):
+    plain = benchmark.nominal("cantilever", np.random.default_rng(0))
+    chosen = [benchmark._chosen("tip_damping", seed, plain) for seed in range(8)]
+    assert sorted(chosen) == sorted(2 * ["damper", "alpha", "damper", "eta"])
 
 
 @benchmark_of("marked")

@@ -27,6 +27,7 @@ from romsindy.record.decay import Decay
 _ROUNDS = 5
 _ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
 _NEAR = 0.02  # of the gap in the coordinate: so much what is wrong may leave of it
+_AS_LITTLE = 50.0  # twice the logarithm of odds
 _SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
 
 Names = frozenset[str]  # of the effects of an explanation
@@ -174,15 +175,18 @@ class Rounds:
     def near(self, report: DiagnosisReport, most: int) -> list[Hypothesis]:
         """At ``most`` so many explanations that leave next to nothing of the coordinate.
 
-        They are those that the structure can have.
+        They are those that the structure can have, and that leave as little of the other modes once
+        these were heard.
         """
         best = report.best
         gap = report.base.at(best.noise).misfit - best.misfit
+        without = self.elsewhere.get(frozenset(), 0.0)
         found: dict[Names, Hypothesis] = {}
         for h in (best, *report.compared):
             there = len(self.structure.with_effects(h.effects)) == len(h.effects)
             as_few = 0 < len(h.effects) <= len(best.effects)
-            if h.score < best.score + _NEAR * gap and as_few and there:
+            heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
+            if h.score < best.score + _NEAR * gap and as_few and there and heard:
                 found.setdefault(names_of(h), h)
         return list(found.values())[:most]
 

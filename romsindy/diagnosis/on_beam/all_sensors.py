@@ -87,7 +87,8 @@ class Heard(NamedTuple):
 def weigh(tried: Sequence[TriedOnBeam], read: Sequence[Readings], length: float) -> list[Heard]:
     """What all sensors say of some explanations, by what they ``read`` of a beam of a ``length``.
 
-    Where none of them leaves noise alone, what the best leaves counts as noise.
+    Where none of them leaves noise alone, what the best leaves counts as noise. An effect that can
+    be anywhere is as likely at every point.
     """
     profiles = [_profile(t) for t in tried]
     noise = noise_of(min(float(x.min()) for _, x in profiles), read)
@@ -107,7 +108,7 @@ def _heard(fine: Array | None, chi_squared: Array, length: float) -> Heard:
     least = float(chi_squared.min())
     if fine is None:
         return Heard(least, None)
-    likelihood = np.trapezoid(np.exp(-0.5 * (chi_squared - least)), fine) / (fine[-1] - fine[0])
+    likelihood = np.trapezoid(np.exp(-0.5 * (chi_squared - least)), fine) / length
     inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
     place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), length)
     return Heard(least - 2 * float(np.log(likelihood)), place)

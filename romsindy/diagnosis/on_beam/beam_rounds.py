@@ -48,14 +48,19 @@ from romsindy.typing import Array
 _LISTENED = 3  # times, each with the best so far on the beam
 _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
+_ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
 
 
 class _Begun(NamedTuple):
-    """How a record begins: coordinate and its rate, the release, one that rings modes more."""
+    """How a record begins: coordinate and its rate, the release, one that rings modes more.
+
+    ``ring`` is what more of the modes does, once it is known for an effect nearby.
+    """
 
     state: tuple[float, float]
     release: ReleaseLoad
     more: ReleaseLoad
+    ring: Array | None = None
 
 
 @dataclass(eq=False)
@@ -64,6 +69,7 @@ class BeamRounds(Rounds):
 
     structure: OnBeam
     given: list[ReleaseLoad | None] = field(init=False)  # of the releases, those that are known
+    told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,8 +91,7 @@ class BeamRounds(Rounds):
         The beam is simulated with the likeliest effect where it acts, and looked at again, until
         that is what is found. Nothing is told of a place where it is not.
         """
-        place: PlaceOnBeam | None = None
-        places: dict[str, float] = {}
+        agreed = False
         for _ in range(_LISTENED):
             report = found.report
             if found.trouble or report.verdict == "none" or not report.best.effects:
@@ -95,25 +100,29 @@ class BeamRounds(Rounds):
             heard = self.heard(asked, slack)
             best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
             place = heard[names_of(best)].place if names_of(best) in heard else None
-            parts = self._placed(best, place)
-            there = {id(p) for p in best.parts}
-            moved = [p for p in parts if id(p) not in there]
-            places |= {p.effect.name: place_now(self.seen, p) for p in moved}
-            stays = best.names == report.best.names and not moved
+            parts, moved = self._placed(best, place)
             try:
-                if stays:
-                    again = self.run(effects_at(places), found.corrected, found.parts)
+                if best.names == report.best.names and not moved:
+                    again = self.run(effects_at(self.places), found.corrected, found.parts)
                 else:
                     self.releases = list(self.given)
-                    again = self.run(effects_at(places), self.simulate(parts), parts)
+                    again = self.run(effects_at(self.places), self.simulate(parts), parts)
             except FAILURES:  # there it would have to be stronger than the beam bears
                 return found, None
             if again.trouble:
                 break
-            found = again
-            if found.report.best.names == best.names:
-                return self._with_error(found, place)
+            found, agreed = again, again.report.best.names == best.names
+            # A release is read with what acts: where that is elsewhere, it was another.
+            if agreed and moved < _ELSEWHERE * self.seen.beam.length:
+                break
+        if agreed:
+            return self._with_error(found, place)
         return found, None if place is None else place.untold()
+
+    @property
+    def places(self) -> dict[str, float]:
+        """Where effects act, by name, m."""
+        return {name: place.at for name, place in self.told.items()}
 
     def _with_error(
         self, found: Outcome, place: PlaceOnBeam | None
@@ -126,15 +135,18 @@ class BeamRounds(Rounds):
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         return found._replace(report=replace(report, best=best, rivals=rivals)), place
 
-    def _placed(self, best: Hypothesis, place: PlaceOnBeam | None) -> tuple[Part, ...]:
-        """Effects of an explanation on the beam, where all sensors have them."""
+    def _placed(
+        self, best: Hypothesis, place: PlaceOnBeam | None
+    ) -> tuple[tuple[Part, ...], float]:
+        """An explanation on the beam, where all sensors have its effect; how far that is, m."""
         parts = self.structure.with_effects(best.parts)
         movable = [p for p in parts if can_be_anywhere(p)]
-        if place is None or place.holds(place_now(self.seen, movable[0])):
-            return parts
+        if place is None or place.holds(now := place_now(self.seen, movable[0])):
+            return parts, 0.0
         (part,) = movable
+        self.told[part.effect.name] = place
         moved = moved_to(self.seen, part, place.at, self.records[0])
-        return tuple(moved if p is part else p for p in parts)
+        return tuple(moved if p is part else p for p in parts), abs(place.at - now)
 
     def heard(self, asked: Sequence[Hypothesis], slack: Latitude) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of none."""
@@ -165,15 +177,20 @@ class BeamRounds(Rounds):
         try:
             starts = [self._start(i, parts) for i in range(len(read))]
             if len(movable) != 1:
-                (left,) = self._left([(parts, starts)], read, slack)
+                ((left, _),) = self._left([(parts, starts)], read, slack)
                 return TriedOnBeam(names_of(h), None, left[:, None])
-            tried = self._at(points(self.seen.beam), h, starts, read, slack)
+            places = points(self.seen.beam)
+            told = self.told.get(movable[0].effect.name)
+            if told is not None:
+                places = told.about(places)
+            tried, rings = self._at(places, h, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in self._weighed([tried], read))
-                finer = [] if place is None else place.between(tried.points)
-                if not finer:
+                if place is None or not (finer := place.between(tried.points)):
                     break
-                tried = tried.joined(self._at(finer, h, starts, read, slack))
+                near = rings[int(np.argmin(np.abs(np.subtract(places, place.at))))]
+                begun = [s._replace(ring=r) for s, r in zip(starts, near, strict=True)]
+                tried = tried.joined(self._at(finer, h, begun, read, slack)[0])
         except FAILURES:
             return None
         return tried
@@ -185,8 +202,8 @@ class BeamRounds(Rounds):
         starts: Sequence[_Begun],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> TriedOnBeam:
-        """The beam with an effect that can be anywhere, at some points."""
+    ) -> tuple[TriedOnBeam, list[list[Array]]]:
+        """The beam with an effect that can be anywhere, at some points; what rings at each."""
         parts = self.structure.with_effects(h.parts)
         (part,) = (p for p in parts if can_be_anywhere(p))
         moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
@@ -196,8 +213,9 @@ class BeamRounds(Rounds):
             [s._replace(state=self._state(i, there)) for i, s in enumerate(starts)]
             for there in several
         ]
-        left = self._left(list(zip(several, begun, strict=True)), read, slack)
-        return TriedOnBeam(names_of(h), np.array(places), np.stack(left, axis=1))
+        heard = self._left(list(zip(several, begun, strict=True)), read, slack)
+        left = np.stack([x for x, _ in heard], axis=1)
+        return TriedOnBeam(names_of(h), np.array(places), left), [rings for _, rings in heard]
 
     def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
@@ -208,8 +226,8 @@ class BeamRounds(Rounds):
         several: Sequence[tuple[Sequence[Part], Sequence[_Begun]]],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> list[Array]:
-        """What beams with some parts, that begin each record somehow, leave of the sensors."""
+    ) -> list[tuple[Array, list[Array]]]:
+        """What beams with some parts, that begin each record somehow, leave: see `_left`."""
         early = [self._early(i, own) for i, own in enumerate(read)]
         given = (early, read, slack)
         tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
@@ -256,12 +274,12 @@ def _left(
     early: Sequence[tuple[Record, Decay]],
     read: Sequence[Readings],
     slack: Latitude,
-) -> Array:
-    """What a beam with some parts leaves of the sensors in all records, (m,)."""
+) -> tuple[Array, list[Array]]:
+    """What a beam with some parts leaves of all sensors (m,), and what rings in each record."""
     beam = beam_with(seen.beam, parts)
     pairs = zip(early, starts, strict=True)
     motions = [_motion(seen, beam, *own, start) for own, start in pairs]
-    return left_of(seen, read, motions, slack)
+    return left_of(seen, read, motions, slack), [m.ring for m in motions]
 
 
 def _motion(
@@ -269,8 +287,11 @@ def _motion(
 ) -> SimulatedReadings:
     """What sensors read of a beam."""
     fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
-    usual, more = (
-        simulated(seen, beam, record, decay, start.state, r, fastest)[record.derivative]
-        for r in (start.release, start.more)
-    )
-    return SimulatedReadings(usual, more - usual)
+
+    def readings(release: ReleaseLoad) -> Array:
+        found = simulated(seen, beam, record, decay, start.state, release, fastest)
+        return found[record.derivative]
+
+    usual = readings(start.release)
+    ring = readings(start.more) - usual if start.ring is None else start.ring
+    return SimulatedReadings(usual, ring)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +52,14 @@ class PlaceOnBeam:
             return []
         return [x for x in (self.at - apart / 4, self.at + apart / 4) if known[0] < x < known[-1]]
 
+    def about(self, points: Sequence[float]) -> list[float]:
+        """Where to look again, of ``points`` at equal distances: all, or about where it was."""
+        if not self.told:
+            return list(points)
+        apart = points[1] - points[0]
+        near = np.clip([self.at - apart, self.at, self.at + apart], points[0], points[-1])
+        return sorted(set(near.tolist()))
+
     def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""
         return replace(self, low=0.0, high=self.length, strengths=())
@@ -60,5 +69,4 @@ class PlaceOnBeam:
             return f"it acts at {self.at:.3g} m ({self.low:.3g} to {self.high:.3g} m)"
         if not self.strengths:
             return "these data cannot tell where on the beam it acts"
-        there = " to ".join(f"{x:.2g}" for x in self.strengths)
-        return f"between {self.low:.2g} and {self.high:.2g} m, as strong as {there} there"
+        return f"between {self.low:.2g} and {self.high:.2g} m"

@@ -119,8 +119,9 @@ class BeamReport(StructureReport):
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_there:
             lines.append(f"Not on the improved beam: {', '.join(self.not_there)}.")
-        if self.place is not None and not (self.trouble or self.place.told or self.family):
-            lines.append(f"Place: {self.place}.")
+        place = None if self.trouble or self.family else self.place
+        if place is not None and not (place.told or place.strengths):
+            lines.append(f"Place: {place}.")
         moved = [e for e in self.reduced.within if e.label != ParameterDirection.label]
         return "\n".join([*lines, *words.within(moved), *in_words(self.adjusted)])
 
@@ -129,10 +130,17 @@ class BeamReport(StructureReport):
         movable = [p for p in self.reduced.best.effects if can_be_anywhere(p)]
         if self.place is None or self.trouble or len(movable) != 1:
             return line
-        if not (self.place.told and line.startswith("Missing: ")):
+        if not line.startswith("Missing: "):
             return line
         usual = AtPoint(place_now(self.seen, movable[0])).place
-        return line.replace(usual, in_interval(self.place), 1)
+        if self.place.told:
+            return line.replace(usual, in_interval(self.place), 1)
+        if not self.place.strengths:
+            return line
+        there = " to ".join(f"{x:.2g}" for x in self.place.strengths)
+        unit = movable[0].effect.strength_unit(self.reduced.model.unit)
+        there = f"{self.place}, {there} {unit} there; {usual} it would be "
+        return line.replace(f"{usual}, ", there, 1)
 
     def _content(self) -> dict[str, Any]:
         return {
