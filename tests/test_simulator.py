@@ -5,6 +5,7 @@ found must be that law, in newtons, and the simulator with it must come down to 
 """
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,16 @@ import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis.all_sensors import Readings
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, turning_points
-from romsindy.diagnosis.on_simulator.simulator_rounds import chi_squared, left_of
+from romsindy.diagnosis.on_simulator.simulator_rounds import (
+    SimulatorRounds,
+    chi_squared,
+    left_of,
+)
+from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
+from romsindy.effects.base import Scales
 from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.simulator import Program, Simulator, SimulatorError
 from romsindy.simulator.force import LANGUAGES, LawForce
@@ -211,7 +219,7 @@ def test_without_other_modes_a_record_turned_just_before():
 def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
     """What is right leaves noise: chi-square is the number of samples, within four deviations."""
     seen, record, decay, clean = two_modes_cut(0.0)
-    read = Readings.of(record, decay, 0.0, 12 * CYCLE, 1e-6)
+    read = Readings.of(record, decay, 0.0, 1e-6)
     n = len(read.t)
 
     def left(motion):
@@ -227,6 +235,19 @@ def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
     # More of it may be: a part of 0.05, two deviations here, or any where a record was cut.
     tenth, half = (left(two_modes(SIZE, decay.t, other=x)) - right for x in (0.22, 0.3))
     assert tenth < 4 and (half < 20 if turns else half > 40)
+
+
+def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
+    """Left free in what the simulator does, it wanders, and the strength with it."""
+    free = Part.of(Stop(1), Scales(SIZE, RATE, 10.0), 1, start=(0.01, 1.1))
+    free = free.moved(np.array([40.0, 0.0, 0.0]))
+    held = with_textbook_exponent(free.moved(np.array([5.0, 1e-4, 0.0])))
+    structure = SimpleNamespace(with_effects=tuple)
+    rounds = SimpleNamespace(structure=structure, own=(free.moved(np.array([-1.0, 0, 0])),))
+    (found,) = SimulatorRounds.next_parts(rounds, (free,), (held,))
+    # By how much more is in the simulator than in its equation.
+    assert found.values == pytest.approx([46.0, 0.0101, 1.0], rel=1e-12)
+    assert found.moved(np.array([0.0, 0.0, 0.1])).values[-1] == 1.0
 
 
 # -- a force as code -------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and p
 # Standard deviations of a first mode that follows the coordinate: rad, and as a part of it
 _PHASE, _SIZE = 0.02, 0.01
 _NEW = 1e-9  # of a column beside others
-CYCLES = 12  # once it is calm: over these all sensors are heard
+_CYCLES = 12  # once it is calm: over these all sensors are heard
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,13 @@ class Readings:
     first: int = 0  # sample from which on it is calm enough
 
     @classmethod
-    def of(cls, record: Record, decay: Decay, first: float, last: float, floor: float) -> Readings:
+    def of(cls, record: Record, decay: Decay, first: float, floor: float) -> Readings:
         """Of a record of the coordinate, and the same as all sensors measured it.
 
-        It is looked at from time ``first`` to ``last``, s, on the clock of the decay.
+        It is looked at for some cycles from time ``first`` on, s, on the clock of the decay.
         """
         noises = channel_noises(record, decay, floor)
-        n = int(np.searchsorted(decay.t, last))
+        n = int(np.searchsorted(decay.t, first + _CYCLES * 2 * np.pi / record.rate))
         calm = int(np.searchsorted(decay.t, first))
         return cls((decay.t - decay.t[0])[:n], decay.signal[:n], noises, calm)
 
@@ -122,9 +122,10 @@ def _orthonormal(columns: Array) -> Array:
     return np.asarray(u[:, s > _NEW * s.max(initial=0)])
 
 
-def noise_of(least: float, samples: int) -> float:
-    """What counts as noise by the ``least`` chi-square over so many samples, in its unit.
+def noise_of(least: float, read: Sequence[Readings]) -> float:
+    """What counts as noise by the ``least`` chi-square of what was read, in its unit.
 
     Where no explanation leaves noise alone, it is what the best leaves.
     """
+    samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
     return max(least / samples, 1.0)

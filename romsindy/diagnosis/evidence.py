@@ -243,6 +243,27 @@ class Weighing(Protocol):
 
 
 @dataclass(frozen=True)
+class Amended:
+    """What a fit says of its values, with what is known of them from elsewhere."""
+
+    weighed: Any  # what it says by itself, a `Weighing`
+
+    @property
+    def needed(self) -> Any:
+        return self.weighed.needed
+
+    def excess(self, noise: Any) -> float:
+        return float(self.weighed.excess(noise))
+
+    def solved(self, solution: Solution, noise: Any) -> Solved:
+        return self.amended(self.weighed.solved(solution, noise))
+
+    def amended(self, found: Solved) -> Solved:
+        """The same with what is known."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """A fitted hypothesis and what it is worth, given how far its model may be from the truth.
 

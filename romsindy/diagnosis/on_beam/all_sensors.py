@@ -84,14 +84,14 @@ class Heard(NamedTuple):
     place: PlaceOnBeam | None
 
 
-def weigh(tried: Sequence[TriedOnBeam], samples: int, length: float) -> list[Heard]:
-    """What all sensors say of some explanations, by so many ``samples``, of a beam of a ``length``.
+def weigh(tried: Sequence[TriedOnBeam], read: Sequence[Readings], length: float) -> list[Heard]:
+    """What all sensors say of some explanations, by what they ``read`` of a beam of a ``length``.
 
     Where none of them leaves noise alone, what the best leaves counts as noise. An effect that can
     be anywhere is as likely at every point.
     """
     profiles = [_profile(t) for t in tried]
-    noise = noise_of(min(float(x.min()) for _, x in profiles), samples)
+    noise = noise_of(min(float(x.min()) for _, x in profiles), read)
     return [_heard(fine, x / noise, length) for fine, x in profiles]
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
@@ -15,7 +15,7 @@ from romsindy.diagnosis.on_beam.place import PLACE_ERRORS, PlaceOnBeam
 from romsindy.effects.base import State
 from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.kernel.linear_response import sampled
-from romsindy.fit.kernel.part import Part, Solution
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array
 
@@ -62,22 +62,13 @@ def _lift(seen: InstrumentedBeam, at: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class NearPlace:
+class NearPlace(Amended):
     """What a fit says of its values, with the error of the place where one of its effects acts."""
 
-    weighed: Any  # what it says of them at the place, a `Weighing`
     own: slice  # values of that effect
     moved: Array  # what they change by where it acts a standard error farther
 
-    @property
-    def needed(self) -> Any:
-        return self.weighed.needed
-
-    def excess(self, noise: Any) -> float:
-        return float(self.weighed.excess(noise))
-
-    def solved(self, solution: Solution, noise: Any) -> Any:
-        found = self.weighed.solved(solution, noise)
+    def amended(self, found: Solved) -> Solved:
         covariance = found.covariance.copy()
         covariance[self.own, self.own] += np.outer(self.moved, self.moved)
         return found._replace(covariance=covariance)

@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import CYCLES, Readings, followed
+from romsindy.diagnosis.all_sensors import Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
@@ -163,9 +163,7 @@ class BeamRounds(Rounds):
     def _read(self, record: Record, raw: Decay, calm: float) -> Readings:
         t = record.decay.t
         own = self.seen.thinned(raw).between(t[0], t[-1])
-        # From when it is calm, which may be after as many cycles.
-        last = calm + CYCLES * 2 * np.pi / record.rate
-        return Readings.of(record, own, calm, last, self.options.floor)
+        return Readings.of(record, own, calm, self.options.floor)
 
     def _tried(
         self, h: Hypothesis, read: Sequence[Readings], slack: Latitude
@@ -236,8 +234,7 @@ class BeamRounds(Rounds):
         return list(self.parallel(tasks))
 
     def _weighed(self, tried: Sequence[TriedOnBeam], read: Sequence[Readings]) -> list[Heard]:
-        samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
-        return weigh(tried, samples, self.seen.beam.length)
+        return weigh(tried, read, self.seen.beam.length)
 
     def _start(
         self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None

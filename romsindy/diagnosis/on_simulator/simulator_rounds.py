@@ -10,7 +10,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from romsindy.diagnosis.all_sensors import (
-    CYCLES,
     GAINS,
     FirstMode,
     Readings,
@@ -20,7 +19,7 @@ from romsindy.diagnosis.all_sensors import (
     with_errors,
     without,
 )
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
@@ -29,7 +28,7 @@ from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Part, Solution, moved_parts
+from romsindy.fit.kernel.part import Part, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.record.decay import SIGNALS, Decay
 from romsindy.record.spectrum import noise_std
@@ -58,12 +57,12 @@ class SimulatorRounds(Rounds):
     structure: OnSimulator
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
 
-    def simulate(self, parts: Sequence[Part], *, begun: bool = False) -> list[Corrected]:
+    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
 
-        How records begin is looked at anew, unless that is known by now.
+        How records begin is looked at anew, unless the same effects were there before.
         """
-        if not begun:
+        if [key_of(p) for p in parts] != [key_of(p) for p in self.own]:
             self.releases = [None] * len(self.records)
         found = super().simulate(parts)
         seen = [
@@ -98,20 +97,31 @@ class SimulatorRounds(Rounds):
     ) -> Outcome:
         """As every structure; then the simulator itself comes as near to the records as it can."""
         best = super().run(effects, before, parts)
+        if best.trouble or not best.parts:
+            return best
+        nearer = self._polished(best)
+        if nearer is best:
+            return best
+        report = self._look(effects, nearer.corrected, len(best.report.best.effects))
+        same = report.best.names == best.report.best.names
+        return nearer._replace(report=report) if same else best
+
+    def _polished(self, best: Outcome) -> Outcome:
+        """The same, but for its report, with the simulator as near to the records as it comes."""
+        error = self.own_error(best.corrected)
         for _ in range(_POLISHED):
-            if best.trouble or not best.parts or self.own_error(best.corrected) <= _CLOSE:
+            if error <= _CLOSE:
                 break
             self.options.progress(f"{self.structure.what} nearer to the records")
             try:
                 changed = self._nearer(best)
-                found = self.simulate(changed, begun=True)
+                found = self.simulate(changed)
             except self.structure.failures:  # what was found stands, and so does its error
                 break
-            report = self._look(effects, found, len(best.report.best.effects))
-            nearer = self.own_error(found) < self.own_error(best.corrected)
-            if not nearer or report.best.names != best.report.best.names:
+            last, error = error, self.own_error(found)
+            if error >= last:
                 break
-            best = Outcome(report, changed, found)
+            best = best._replace(parts=changed, corrected=found)
         return best
 
     def over_all_sensors(self, found: Outcome) -> Outcome:
@@ -157,8 +167,7 @@ class SimulatorRounds(Rounds):
                 parts = self.structure.with_effects(h.parts)
                 motions = [self._motion(i, parts, float(r.t[-1])) for i, r in enumerate(read)]
             left[names_of(h)] = self._left(read, motions)
-        samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
-        noise = noise_of(min(left.values()), samples)
+        noise = noise_of(min(left.values()), read)
         return {names: x / noise for names, x in left.items()}
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
@@ -170,8 +179,7 @@ class SimulatorRounds(Rounds):
         """What all sensors read in a record."""
         record = self.records[i]
         own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
-        last = self.calm[i] + CYCLES * 2 * np.pi / record.rate
-        return Readings.of(record, own, self.calm[i], last, self.options.floor)
+        return Readings.of(record, own, self.calm[i], self.options.floor)
 
     def _without(self, i: int, read: Readings) -> Array:
         """What the sensors read of the simulator as it is, along the first mode as measured."""
@@ -250,11 +258,14 @@ class SimulatorRounds(Rounds):
         return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
-        """What was found, less what the equation needs for what is in the simulator."""
+        """What was found, less what the equation needs for what is in the simulator.
+
+        A value that is held in what was found is held from then on.
+        """
         there = {key_of(p): p for p in parts}
         own = {key_of(p): p for p in self.own}
         return tuple(
-            there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
+            p.moved(there[key].values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
 
@@ -301,21 +312,12 @@ class LinearReadings(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InSimulator:
+class InSimulator(Amended):
     """What a fit says of the values in a simulator: those in its equation, and by how much more."""
 
-    weighed: Any  # what it says of those in the equation, a `Weighing`
     more: Mapping[tuple[str, str], Array]
 
-    @property
-    def needed(self) -> Any:
-        return self.weighed.needed
-
-    def excess(self, noise: Any) -> float:
-        return float(self.weighed.excess(noise))
-
-    def solved(self, solution: Solution, noise: Any) -> Any:
-        found = self.weighed.solved(solution, noise)
+    def amended(self, found: Solved) -> Solved:
         there = [
             p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
         ]
