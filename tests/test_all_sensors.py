@@ -50,8 +50,8 @@ def readings(more=0.0):
     noisy = ringing(0, 0.02) + NOISE * np.random.default_rng(5).standard_normal((len(T), 4))
     own = rs.Decay(T, noisy, unit="m")
     q = rs.Decay(T, ALL.coordinate(noisy), unit="kg^0.5 m")
-    read = Readings.of(Record.of(q, 1e-9), own, 0.0, T[-1] + DT, 1e-9)
-    return replace(read, measured=noisy + more)
+    read = Readings.of(Record.of(q, 1e-9), own, 0.0, 1e-9)
+    return replace(read, measured=read.measured + more)
 
 
 def test_cosines_over_the_noise_are_white_and_leave_out_the_first_mode():
@@ -108,7 +108,7 @@ def test_sensors_that_show_one_mode_are_heard():
     first = np.outer(0.02 * np.exp((1j * few.basis.omega[0] - 0.3) * T).real, few.shapes[:, 0])
     noisy = first + NOISE * np.random.default_rng(2).standard_normal(first.shape)
     q = rs.Decay(T, few.coordinate(noisy), unit="kg^0.5 m")
-    read = Readings.of(Record.of(q, 1e-9), rs.Decay(T, noisy, unit="m"), 0.0, T[-1] + DT, 1e-9)
+    read = Readings.of(Record.of(q, 1e-9), rs.Decay(T, noisy, unit="m"), 0.0, 1e-9)
     slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(3))
     left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack)
     n = 2 * len(T)
@@ -121,11 +121,14 @@ def test_a_place_has_the_interval_of_its_likelihood():
     left = np.stack([(points - at) / spread, np.zeros(7)])
     one, other = (TriedOnBeam(frozenset({n}), points, left) for n in ("a", "b"))
     none = TriedOnBeam(frozenset(), None, np.array([[7.0]]))
-    found, _, nothing = weigh([one, other, none], 10, LENGTH)
+    same = TriedOnBeam(frozenset({"c"}), points, np.zeros((2, 7)))
+    found, _, nothing, alike = weigh([one, other, none, same], [readings()], ALL)
     assert found.place.at == pytest.approx(at, abs=1e-3)
     assert_allclose([found.place.low, found.place.high], [at - 0.03, at + 0.03], atol=1e-3)
-    expected = -2 * np.log(np.sqrt(2 * np.pi) * spread / LENGTH)
+    # Half of the belief is at the tip, half is spread along the beam.
+    expected = -2 * np.log(np.sqrt(2 * np.pi) * spread / LENGTH / 2)
     assert found.misfit == pytest.approx(expected, abs=0.01)
+    assert alike.misfit == pytest.approx(-2 * np.log((1 + 0.75) / 2), abs=1e-6)
     assert nothing.misfit == 49.0
 
 

@@ -84,15 +84,17 @@ class Heard(NamedTuple):
     place: PlaceOnBeam | None
 
 
-def weigh(tried: Sequence[TriedOnBeam], read: Sequence[Readings], length: float) -> list[Heard]:
-    """What all sensors say of some explanations, by what they ``read`` of a beam of a ``length``.
+def weigh(
+    tried: Sequence[TriedOnBeam], read: Sequence[Readings], seen: InstrumentedBeam
+) -> list[Heard]:
+    """What all sensors say of some explanations, by what they ``read``.
 
     Where none of them leaves noise alone, what the best leaves counts as noise. An effect that can
-    be anywhere is as likely at every point.
+    be anywhere is as likely where the first mode moves most as at all other points together.
     """
     profiles = [_profile(t) for t in tried]
     noise = noise_of(min(float(x.min()) for _, x in profiles), read)
-    return [_heard(fine, x / noise, length) for fine, x in profiles]
+    return [_heard(fine, x / noise, seen) for fine, x in profiles]
 
 
 def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
@@ -104,14 +106,16 @@ def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
     return fine, np.einsum("ij,jk,ik->i", weights, tried.left.T @ tried.left, weights)
 
 
-def _heard(fine: Array | None, chi_squared: Array, length: float) -> Heard:
+def _heard(fine: Array | None, chi_squared: Array, seen: InstrumentedBeam) -> Heard:
     least = float(chi_squared.min())
     if fine is None:
         return Heard(least, None)
-    likelihood = np.trapezoid(np.exp(-0.5 * (chi_squared - least)), fine) / length
+    likelihood = np.exp(-0.5 * (chi_squared - least))
+    there = np.interp(seen.usual, fine, likelihood, left=0.0, right=0.0)
+    anywhere = np.trapezoid(likelihood, fine) / seen.beam.length
     inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
-    place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), length)
-    return Heard(least - 2 * float(np.log(likelihood)), place)
+    place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), seen.beam.length)
+    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place)
 
 
 def left_of(

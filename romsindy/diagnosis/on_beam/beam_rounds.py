@@ -141,12 +141,16 @@ class BeamRounds(Rounds):
         """An explanation on the beam, where all sensors have its effect; how far that is, m."""
         parts = self.structure.with_effects(best.parts)
         movable = [p for p in parts if can_be_anywhere(p)]
-        if place is None or place.holds(now := place_now(self.seen, movable[0])):
+        if place is None:
             return parts, 0.0
         (part,) = movable
-        self.told[part.effect.name] = place
-        moved = moved_to(self.seen, part, place.at, self.records[0])
-        return tuple(moved if p is part else p for p in parts), abs(place.at - now)
+        now, usual = place_now(self.seen, part), self.seen.usual
+        at = next((x for x in (usual, now) if place.holds(x)), place.at)
+        if at == now:
+            return parts, 0.0
+        self.told[part.effect.name] = replace(place, at=at)
+        moved = moved_to(self.seen, part, at, self.records[0])
+        return tuple(moved if p is part else p for p in parts), abs(at - now)
 
     def heard(self, asked: Sequence[Hypothesis], slack: Latitude) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of none."""
@@ -234,7 +238,7 @@ class BeamRounds(Rounds):
         return list(self.parallel(tasks))
 
     def _weighed(self, tried: Sequence[TriedOnBeam], read: Sequence[Readings]) -> list[Heard]:
-        return weigh(tried, read, self.seen.beam.length)
+        return weigh(tried, read, self.seen)
 
     def _start(
         self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None

@@ -66,6 +66,11 @@ class InstrumentedBeam:
         i = int(np.argmax(sizes))
         return Shown("mm", 1e3 * float(sizes[i]), self.sensors.labels[i])
 
+    @property
+    def usual(self) -> float:
+        """Where the first mode moves most, m: there an effect is put of which no place is known."""
+        return self.basis.point(1) or self.beam.length
+
     def coordinate(self, displacements: Array) -> Array:
         """First modal coordinate of sensor displacements (..., n_sensors), kg^0.5 m."""
         return np.asarray(displacements @ np.linalg.pinv(self.shapes)[0])
