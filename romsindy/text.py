@@ -35,6 +35,24 @@ class TextTable(NamedTuple):
     note: str = ""
 
 
+class Shown(NamedTuple):
+    """How amplitudes of the coordinate are told: in its unit, or as what a sensor reads."""
+
+    unit: str = "[q]"
+    per_q: float = 1.0
+    sensor: str = ""
+
+    def told(self, *amplitudes: float) -> str:
+        """One amplitude of the coordinate, or a range of them."""
+        sizes = " to ".join(two_digits(self.per_q * a) for a in amplitudes)
+        return f"{sizes} {self.unit}{self.at}"
+
+    @property
+    def at(self) -> str:
+        """Which sensor, in words."""
+        return f" at {self.sensor}" if self.sensor else ""
+
+
 def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> str:
     """A table as text, numbers to the right and words to the left; the first row is the header."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -83,7 +101,7 @@ def percent(part: float) -> str:
 
 def left_over(part: float, times: float) -> str:
     """What is left: as a part of the response, and what that is over the noise."""
-    return f"{percent(part)} of the response, {times:.3g} times the noise"
+    return f"{percent(part)} of the response, {float(f'{times:.3g}'):.10g} times the noise"
 
 
 def two_digits(value: float) -> str:

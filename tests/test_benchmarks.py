@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -304,15 +305,17 @@ def test_noises_of_the_trials(benchmark):
 def test_marks_of_a_diagnosis(benchmark):
     said = lambda verdict, *sets: benchmark.Said(verdict, sets[0], sets)  # noqa: E731
     marks = lambda *a, **k: "".join(k[0] for k, v in benchmark.marks(*a, **k).items() if v)  # noqa: E731
-    assert marks(said("named", ("a",)), ["a"]) == "ri"
+    assert marks(said("named", ("a",)), ["a"]) == "rif"
     assert marks(said("ambiguous", ("b",), ("a",)), ["a"]) == "i"
     assert marks(said("named", ("b",)), ["a"]) == "w"
     assert marks(said("unknown", ("a",)), ["a"]) == ""
-    assert marks(said("named", ("mains_hum",)), [], excused=["mains_hum"]) == "ri"
+    assert marks(said("named", ("mains_hum",)), [], excused=["mains_hum"]) == "rif"
     assert marks(said("named", ("mains_hum",)), []) == "w"
     both = ("linear_frequency",), ("added_mass",)
-    assert marks(said("ambiguous", *both), ["added_mass"]) == "ri"
+    assert marks(said("ambiguous", *both), ["added_mass"]) == "rif"
     assert marks(said("named", both[0]), ["added_mass"]) == "w"
+    told = replace(said("ambiguous", ("b",), ("a",)), members=("b", "a"))
+    assert marks(told, ["a"]) == "if" and marks(told, ["c"]) == ""
 
 
 @benchmark_of("run")
@@ -407,7 +410,17 @@ def test_a_beam_trial_is_made_once_and_told_wrongly(benchmark, tmp_path, monkeyp
     assert np.all(np.abs(shifts) <= 2.001e-3) and len(truth["effects"]) == 1
     rows = importlib.import_module("beam_rows")
     found = {"right": True, "place": 0.3, "length": 0.45, "found_at": 0.31}
-    assert "1 of 1, within" in rows.place_line([found, found | {"right": False}])
+    found |= {"interval": [0.29, 0.32], "strength": [1.0, 1.2], "true_strength": 1.3}
+    said = rows.place_line([found, found | {"right": False}])
+    assert "1 of 1, within 5 %" in said and "strength in 0 of 1" in said
+    assert "within its interval in 1 of 1, which is at most a fifth of the length in 1" in said
+
+
+@benchmark_of("exudyn_trials")
+def test_trials_of_damping_hide_linear_damping_alone(benchmark):
+    plain = benchmark.nominal("cantilever", np.random.default_rng(0))
+    chosen = [benchmark._chosen("tip_damping", seed, plain) for seed in range(8)]
+    assert sorted(chosen) == sorted(2 * ["damper", "alpha", "damper", "eta"])
 
 
 @benchmark_of("marked")

@@ -21,6 +21,7 @@ from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.decay_search import ProcessNoise
+from romsindy.diagnosis.evidence import FormError
 from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.screening import screen
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -99,7 +100,7 @@ HIDDEN = {
     "drift": ({"force": lambda t, q, v: 0.5 * t * q}, {"strength": 0.5}),
     "mains_hum": (
         {"reading": lambda t, q: q + 0.01 * np.sin(314 * t)},
-        {"frequency": 314.0},
+        {"frequency": 314.0 / (2 * np.pi)},  # Hz
     ),
     "gain": ({"reading": lambda t, q: 1.03 * q}, {"strength": 0.03}),
     "saturation": ({"reading": lambda t, q: np.clip(q, -0.7, 0.7)}, {"limit": 0.7}),
@@ -133,6 +134,24 @@ def test_what_values_of_the_model_do_as_well_is_told_beside_them():
     result = report(force=lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03))
     assert result.verdict == "ambiguous" and result.best.names == ("viscous",), result
     assert ("hysteretic",) in result.equivalent
+    # One answer, with one size: the loop takes 2 h a^2 of a cycle, a damper c pi omega a^2.
+    family = result.family
+    assert family.members == ("viscous", "hysteretic") and family.assumed == 0.005
+    # |q|^0.016 and the corner of tanh are each 2 % of what is added.
+    assert family.found - 0.005 == pytest.approx(6.0 / (np.pi * OMEGA**2), rel=0.05)
+    (missing,) = (x for x in result.sentence.splitlines() if x.startswith("Missing: "))
+    assert missing.startswith("Missing: linear damping ") and "do not tell" not in missing
+    assert json.loads(result.to_json())["family"]["members"] == ["viscous", "hysteretic"]
+    assert result.next_best.names not in (("viscous",), ("hysteretic",))
+
+
+def test_what_is_not_surely_there_is_not_the_nearest():
+    """Three standard errors, as they are told where more than noise is left."""
+    found = replace(report_of("cubic_stiffness"), verdict="unknown")
+    assert "the nearest is" in found.sentence and len(found.table()) > 1
+    unsure = replace(found, best=found.best.at(FormError(jump=0.1)))
+    assert "nothing in the catalogue explains it.\n" in unsure.sentence
+    assert len(unsure.table()) == 1
 
 
 def test_harmonics_of_hum_need_not_show_in_every_record():

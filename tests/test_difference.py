@@ -188,7 +188,7 @@ def test_a_record_has_one_name_in_sentence_and_table():
     one = Prediction(measured, signal()[:n], signal()[:n])
     other = Prediction(measured, signal(frequency=5.005)[:n], signal()[:n], HELD_OUT)
     found = Gap((one, other), True)
-    sentence = words.difference(found.differences_before, TOLERANCE, None)
+    sentence = words.difference(found.differences_before, TOLERANCE, found.shown)
     assert "0.1 % in frequency over" in sentence and f"in {HELD_OUT} (" in sentence
     assert "record 2" not in sentence
     titles = [row[0].partition(": ")[0] for row in found.table()[1:]]
@@ -202,7 +202,7 @@ def test_a_part_of_a_record_is_said_to_be_one():
     later = np.exp(-0.005 * omega * T) * np.cos(omega * T + ahead)
     found = gap(later, signal())
     (whole,) = found.differences_before
-    sentence = words.difference([whole], TOLERANCE, None)
+    sentence = words.difference([whole], TOLERANCE, found.shown)
     part = whole.worst(TOLERANCE)
     assert part is not whole and part.frequency > abs(whole.frequency)
     assert part.amplitude[1] < np.exp(-np.pi / 2)

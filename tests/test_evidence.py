@@ -218,6 +218,7 @@ def explanation(
         names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, noise=LEAVES
     )
     found.at = lambda _: found
+    found.growth = lambda _: 1.0  # what it leaves is noise
     found.effects, found.moved = (names, ()) if lacking else ((), names)
     found.said = set(names)
     gap = SimpleNamespace(

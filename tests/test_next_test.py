@@ -13,8 +13,18 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
-from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, Extrapolation
+from romsindy.diagnosis.gap import Gap, Prediction
+from romsindy.diagnosis.next_test import (
+    AGAIN,
+    EXPERIMENTS,
+    LARGER,
+    LONGER,
+    Experiment,
+    Extrapolation,
+    more_of_it,
+)
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.effects import (
     CubicStiffness,
     Gain,
@@ -23,13 +33,15 @@ from romsindy.effects import (
     MoreMass,
     SpeedCubedDamping,
 )
+from romsindy.fit.records.record import Record
+from romsindy.text import two_digits
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {"omega^2": OMEGA**2, "gamma_3": 0.2 * OMEGA**2, "c_linear": 0.01 * OMEGA}
 MODEL = rs.ReducedModel.from_coefficients(NOMINAL, unit="rad")
 CATALOGUE = (GrowingDamping(), SpeedCubedDamping(), CubicStiffness(), Gain())
 NOISE = 0.012  # about 30 dB of the first record
-AGAIN, HIGHER = Experiment("again", 1.0), Experiment("from {amplitude}", 1.0, amplitude=2.0)
+HIGHER = Experiment("from {amplitude}", 1.0, amplitude=2.0)
 
 
 def damping(q, v):
@@ -147,23 +159,48 @@ def test_all_tests_that_are_known_can_be_simulated():
 
 
 @pytest.mark.slow
-def test_where_nothing_explains_the_data_the_test_shows_what_comes_nearest():
-    # A spring that yields at once is not looked for.
+def test_where_nothing_explains_the_data_the_test_shows_more_of_it():
+    # A spring that yields at once is not looked for. Odds between what was refused mean nothing.
     found = report(strange)
     assert found.verdict == "unknown"
     advice = found.next_test
-    assert not advice.explained
-    assert "show whether what is missing is nearer to" in advice.sentence
+    assert advice.odds is None and not advice.rivals
+    assert f"{advice.action} would show" in found.sentence
+
+
+@pytest.mark.parametrize(("power", "test"), [(2, LARGER), (0, AGAIN), (-1, LONGER)])
+def test_what_grows_with_the_amplitude_asks_for_a_larger_one(power, test):
+    """A second harmonic that goes with a power of the amplitude is left, from 1 to 0.1 rad."""
+    t = np.arange(0.0, 23.0, 0.02)
+    amplitude = np.exp(-0.1 * t)
+    measured = amplitude * np.cos(OMEGA * t)
+    left = 0.02 * amplitude**power * np.cos(2 * OMEGA * t)
+    noise = NOISE * np.random.default_rng(4).standard_normal(len(t))
+    record = Record.of(rs.Decay(t, measured + noise, unit="rad"), 1e-6)
+    whole = replace(record, signal=measured + left)
+    gap = Gap((Prediction(whole, measured, measured),), False)
+    advice = more_of_it(gap.loud_and_quiet, 1.0, gap.shown)
+    assert advice.test == test
+    loud = amplitude > 0.5
+    sizes = (np.sqrt(np.mean(left[part] ** 2)) / record.noise.std for part in (loud, ~loud))
+    assert_allclose([advice.loud, advice.quiet], list(sizes), rtol=0.05)
+    # The largest of cycles that are half a cycle old at the least.
+    assert advice.half == "0.49 rad" or advice.half == "0.5 rad"
+    assert f"{advice.action} would show" in advice.sentence
 
 
 def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     beam = Beam.cantilever()
     seen = InstrumentedBeam(beam, beam.sensors([0.2, 0.45]))
-    found = BeamReport(reduced=report(damping), faults=(), seen=seen, parts=(), sensor_errors=())
+    slack = Latitude.of(seen, (), (0.0, 0.0), np.zeros(2))
+    found = BeamReport(
+        reduced=report(damping), faults=(), seen=seen, parts=(), sensor_errors=(), slack=slack
+    )
     tip = beam.modes(count=1).shapes[0][-1, 1]  # m for a coordinate of 1
     advice = found.next_test
     assert advice.odds == report(damping).next_test.odds
-    assert advice.action == f"a decay from {advice.test.amplitude * abs(tip):.2g} m in y(0.45)"
+    size = two_digits(1e3 * advice.test.amplitude * abs(tip))
+    assert advice.action == f"a decay from {size} mm at y(0.45)"
 
 
 def test_an_effect_that_comes_out_as_nothing_is_no_rival():

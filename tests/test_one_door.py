@@ -20,7 +20,7 @@ from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
 from romsindy.fit.verdict import SHARED
-from romsindy.text import left_over
+from romsindy.text import Shown, left_over
 
 OMEGA, ZETA, RATE, NOISE = 2 * np.pi * 7, 0.005, 200, 2e-5
 CUBIC = 40 * OMEGA**2  # 1/(m^2 s^2)
@@ -241,13 +241,13 @@ def test_a_saved_identification_is_the_same_by_file(tmp_path, no_search):
 def test_what_records_do_not_determine_is_no_agreement():
     """ "They agree within 97 % in damping": four cycles of a damping ratio of 0.2 %."""
     told = Difference((0.1, 0.2), 2e-4, 1e-4, 0.1, 0.87, 2e-3, 1e-3, 0.01)
-    text = difference([told], Tolerance(), "m")
+    text = difference([told], Tolerance(), Shown("m"))
     assert text == (
         "They agree within 0.03 % in frequency and 0.3 % in waveform over 0.1 to 0.2 m, and may"
         " differ by 97 % in damping, which these records do not determine (0.1 %, 5 % and 1 % would"
         " not matter)."
     )
-    text = difference([told], Tolerance(1e-5, 0.0, 0.0, source="stated"), "m")
+    text = difference([told], Tolerance(1e-5, 0.0, 0.0, source="stated"), Shown("m"))
     assert text.startswith("They may differ by 0.03 % in frequency, 97 % in damping and 0.3 % in")
 
 
@@ -280,20 +280,23 @@ def test_each_tolerance_is_said_to_be_from_where_it_is():
 
 
 @pytest.mark.parametrize(
-    ("times", "sentence"),
+    ("kind", "times", "sentence"),
     [
-        (1.1, "nothing but noise ({first}); at the worst sensor, y(0.2), {worst}."),
-        (2.1, "{worst} at the worst sensor, y(0.2); {first} in the coordinate of the first mode."),
+        ("noise", 1.1, "nothing but noise ({first}); at the worst sensor, y(0.2), {worst}."),
+        ("noise", 2.1, "{worst} at the worst sensor, y(0.2); {there}."),
+        ("tolerance", 1.1, "{first}, which does not matter; at the worst sensor, y(0.2), {worst}."),
+        ("tolerance", 6.6, "{worst} at the worst sensor, y(0.2); {there}, which does not matter."),
     ],
 )
-def test_what_is_left_of_a_beam_is_one_sentence(times, sentence):
+def test_what_is_left_of_a_beam_is_one_sentence(kind, times, sentence):
     told = {
         "first": left_over(0.02, 0.93),
         "worst": f"1 % of the response, {times} times the noise",
     }
+    told["there"] = f"{told['first']} in the coordinate of the first mode"
     first = SimpleNamespace(after=None, left=lambda _: told["first"])
     gap = SimpleNamespace(predictions=[first], worst=0)
-    assert over_sensors(gap, "noise", "y(0.2)", 0.01, times) == sentence.format(**told)
+    assert over_sensors(gap, kind, "y(0.2)", 0.01, times) == sentence.format(**told)
 
 
 def test_every_verdict_has_an_exit_code():

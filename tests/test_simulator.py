@@ -5,6 +5,7 @@ found must be that law, in newtons, and the simulator with it must come down to 
 """
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,19 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.diagnosis.on_simulator.seen import turning_point
-from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop
+from romsindy.diagnosis.all_sensors import Readings
+from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, turning_points
+from romsindy.diagnosis.on_simulator.simulator_rounds import (
+    SimulatorRounds,
+    chi_squared,
+    left_of,
+)
+from romsindy.diagnosis.search import with_textbook_exponent
+from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
+from romsindy.effects.base import Scales
 from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
 from romsindy.simulator import Program, Simulator, SimulatorError
 from romsindy.simulator.force import LANGUAGES, LawForce
 from romsindy.simulator.simulator import times
@@ -63,7 +74,7 @@ def wrong(kind):
             "sign": -x,
             "words": "no numbers",
             "still": 0 * x,
-            "noise": x + 0.01 * np.random.default_rng().standard_normal(len(x)),
+            "noise": x + 0.001 * np.random.default_rng().standard_normal(len(x)),
         }[kind]
 
     return simulator
@@ -142,8 +153,101 @@ def test_a_motion_goes_back_to_where_it_turned(phase):
     since = (phase % np.pi) / rate  # it turns every half cycle
     expected = np.exp(-damping * (t - since)) * (-1) ** int(phase // np.pi)
     equation = ExtendedEquation(model, (), 0, 0.01, 0.0)
-    found = turning_point(equation, (float(q), float(q_dot)), rate)
+    (found,) = turning_points(equation, (float(q), float(q_dot)), rate)
     assert found == pytest.approx((expected, since), rel=1e-7)
+
+
+# -- other modes -----------------------------------------------------------------------------------
+
+RATE, OTHER = 6.0, 26.3  # rad/s: of the slow mode, and of another
+SLOW, FAST = 0.03, 0.3  # their damping, 1/s
+SHAPE, OTHER_SHAPE = np.array([1.0, 0.6]), np.array([0.6, -1.0])  # which is orthogonal
+SIZE, CYCLE = 0.02, 2 * np.pi / RATE
+LINEAR = rs.ReducedModel.from_coefficients({"omega^2": RATE**2 + SLOW**2, "c_linear": 2 * SLOW})
+EQUATION = ExtendedEquation(LINEAR, (), 0, 0.01, 0.0)  # of the slow mode
+
+
+def ring(t, omega, damping):
+    """A mode let go from 1 at rest, and its velocity, in closed form."""
+    phase, fall = omega * t, np.exp(-damping * t)
+    squared = omega**2 + damping**2
+    at = fall * (np.cos(phase) + damping / omega * np.sin(phase))
+    return at, -fall * squared / omega * np.sin(phase)
+
+
+def slow_state(since):
+    """Of the slow mode so long after its release."""
+    return tuple(SIZE * float(x) for x in ring(since, RATE, SLOW))
+
+
+def two_modes(q, t, *, other=0.2, damping=FAST):
+    slow, fast = ring(t, RATE, SLOW)[0], other * ring(t, OTHER, damping)[0]
+    return q * (np.outer(slow, SHAPE) + np.outer(fast, OTHER_SHAPE))
+
+
+def two_modes_cut(since, other=0.2):
+    """A simulator, the record of its coordinate, what two sensors measured, and without noise.
+
+    It was cut ``since`` its release, s.
+    """
+    t = np.arange(1200) * CYCLE / 40
+    clean = two_modes(SIZE, since + t, other=other)
+    noise = 0.01 * clean.std(axis=0) * np.random.default_rng(5).standard_normal(clean.shape)
+    decay, first = rs.Decay(t, clean + noise, unit="m"), 1 + other * OTHER_SHAPE[0]
+    simulator = Simulator(lambda release, t: two_modes(release / first, t, other=other), "two")
+    seen = OnSimulator(simulator, SHAPE, {}, released=[(first, 1.0)])
+    return seen, Record.of(seen.decay(decay), 1e-6), decay, clean
+
+
+@pytest.mark.parametrize("cycles", [0, 0.3, 0.8, 1.3, 2.6, 4.1])
+def test_other_modes_tell_how_long_ago_a_record_was_released(cycles):
+    """It turned every half cycle since; let go from there, the simulator does what was measured."""
+    seen, record, decay, clean = two_modes_cut(cycles * CYCLE)
+    found = seen.moved(EQUATION, (), record, decay, slow_state(cycles * CYCLE), None)
+    assert found.release == Beginning(int(2 * cycles) + 1 if cycles else 0)
+    # Splines of the fifth order, of 60 samples a cycle of the slow mode and 14 of the other.
+    assert np.abs(found.readings[0] - clean).max() < 1e-4 * SIZE
+
+
+def test_without_other_modes_a_record_turned_just_before():
+    seen, record, decay, _ = two_modes_cut(1.3 * CYCLE, other=0.0)
+    found = seen.moved(EQUATION, (), record, decay, slow_state(1.3 * CYCLE), None)
+    assert found.release == Beginning(1)
+
+
+@pytest.mark.parametrize("turns", [0, 3])
+def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
+    """What is right leaves noise: chi-square is the number of samples, within four deviations."""
+    seen, record, decay, clean = two_modes_cut(0.0)
+    read = Readings.of(record, decay, 0.0, 1e-6)
+    n = len(read.t)
+
+    def left(motion):
+        return chi_squared([left_of(seen, read, motion[:n], RATE, Beginning(turns))])
+
+    right = left(clean)
+    assert abs(right - n) < 4 * np.sqrt(2 * n)
+    # A gain off by a deviation, and a first mode that is as far off as the coordinate may be.
+    assert left(clean * [1, 1.002]) < right + 4
+    assert left(two_modes(1.005 * SIZE, decay.t, other=0.2 / 1.005)) < right + 4
+    # Another mode that dies twice as fast: it is not what is not known.
+    assert left(two_modes(SIZE, decay.t, damping=2 * FAST)) > right + 50
+    # More of it may be: a part of 0.05, two deviations here, or any where a record was cut.
+    tenth, half = (left(two_modes(SIZE, decay.t, other=x)) - right for x in (0.22, 0.3))
+    assert tenth < 4 and (half < 20 if turns else half > 40)
+
+
+def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
+    """Left free in what the simulator does, it wanders, and the strength with it."""
+    free = Part.of(Stop(1), Scales(SIZE, RATE, 10.0), 1, start=(0.01, 1.1))
+    free = free.moved(np.array([40.0, 0.0, 0.0]))
+    held = with_textbook_exponent(free.moved(np.array([5.0, 1e-4, 0.0])))
+    structure = SimpleNamespace(with_effects=tuple)
+    rounds = SimpleNamespace(structure=structure, own=(free.moved(np.array([-1.0, 0, 0])),))
+    (found,) = SimulatorRounds.next_parts(rounds, (free,), (held,))
+    # By how much more is in the simulator than in its equation.
+    assert found.values == pytest.approx([46.0, 0.0101, 1.0], rel=1e-12)
+    assert found.moved(np.array([0.0, 0.0, 0.1])).values[-1] == 1.0
 
 
 # -- a force as code -------------------------------------------------------------------------------
@@ -309,3 +413,34 @@ def test_nothing_is_added_that_makes_a_simulator_worse():
     assert report.verdict == "unknown" and sensor.after <= sensor.before
     assert report.force is None and "Added to" not in report.sentence
     assert "comes no nearer to the records" in report.sentence
+
+
+@pytest.mark.slow
+def test_all_channels_tell_a_dashpot_from_damping_of_the_structure():
+    """Along the slow mode of two masses they are the same; the other mode dies otherwise."""
+    springs = 80.0 * np.array([[6.0, -5.0], [-5.0, 5.0]])
+
+    def simulate(release, t, force=nothing, eta=1e-3):
+        inverse = np.diag([1 / 0.2, 1 / 0.15])  # kg
+
+        def rates(s, y):
+            push = -springs @ (y[:2] + eta * y[2:]) + np.array([0.0, force(s, y[1], y[3])])
+            return np.concatenate([y[2:], inverse @ push])
+
+        held = np.linalg.solve(springs, [0.0, 1.0])
+        start = np.append(release * held / held[1], [0.0, 0.0])
+        done = solve_ivp(rates, (0, t[-1]), start, t_eval=t, rtol=1e-7, atol=1e-9)
+        return done.y[1::-1].T
+
+    def measured(**given):
+        x = simulate(0.03, T[:1600], **given)
+        noise = 0.01 * x.std(axis=0) * np.random.default_rng(6).standard_normal(x.shape)
+        return rs.Decay(T[:1600], x + noise, unit="m")
+
+    for decay, name in [
+        (measured(force=lambda t, x, v: -0.01 * v), "viscous"),
+        (measured(eta=1.5e-3), "eta"),
+    ]:
+        report = rs.diagnose(simulate, decay, catalogue=[Viscous()], parameters={"eta": 1e-3})
+        assert report.verdict == "named" and report.names == (name,)
+        assert max(e.after for e in report.sensor_errors) < 1.1

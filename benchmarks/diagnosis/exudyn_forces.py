@@ -35,6 +35,8 @@ NAMES = {
     "sensor_saturation": "sensor_saturation",
 }
 AT_A_PLACE = ("damper", "friction", "stop", "gap", "cubic", "magnet", "mass")
+# A damper anywhere, which is at the tip in two of five, as often as both others.
+LINEAR_DAMPING = ("damper", "alpha", "damper", "eta")
 OF_A_SPRING = ("spring_stiffness", "pre_tension")
 
 

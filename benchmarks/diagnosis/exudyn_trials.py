@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from beam_truth import BeamTruth, Spring
-from exudyn_forces import NAMES, OF_A_SPRING, Mode, with_hidden
+from exudyn_forces import LINEAR_DAMPING, NAMES, OF_A_SPRING, Mode, with_hidden
 from noises import COLOURS, noises
 
 import romsindy as rs
@@ -37,6 +37,7 @@ class Kind:
 
     release: str
     supports: tuple[str, ...] = ("cantilever",)
+    hidden: tuple[str, ...] = tuple(NAMES)
 
     def pace(self, supports: str) -> tuple[float, float, int]:
         """Step, s, length of a record, s, and steps between samples.
@@ -54,6 +55,8 @@ KINDS = {
     "tip": Kind("tip"),
     "hit": Kind("hit"),
     "clamped": Kind("modal", ("clamped",)),
+    "tip_damping": Kind("tip", hidden=LINEAR_DAMPING),
+    "modal_damping": Kind("modal", hidden=LINEAR_DAMPING),
 }
 # Relative standard deviations of what a diagnosis is told wrongly; positions in m.
 TOLERANCES = {
@@ -231,9 +234,7 @@ def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
 
 def _chosen(kind: str, seed: int, plain) -> str:
     """What is hidden: every effect in turn, one of a spring where there is one."""
-    known = list(NAMES)
-    if plain.supports == "pinned":
-        known.remove("compliance")
+    known = [n for n in KINDS[kind].hidden if (plain.supports, n) != ("pinned", "compliance")]
     if plain.spring is None:
         known = [n for n in known if n not in OF_A_SPRING]
     if plain.supports != "cantilever":

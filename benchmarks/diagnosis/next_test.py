@@ -54,7 +54,7 @@ def one(kind: str, seed: int) -> dict | None:
         return None
     found = {"hidden": names[0], "seed": seed, "set": ["+".join(s) for s in report.equivalent]}
     advice = report.next_test
-    if advice is None:
+    if report.verdict != "ambiguous" or advice is None:
         return found | {"advice": "nothing to simulate", "enough": False}
     found |= {"advice": f"{advice.action}, {advice.odds:.2g} : 1", "enough": advice.enough}
     if not advice.enough:

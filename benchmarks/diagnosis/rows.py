@@ -127,6 +127,8 @@ ROWS = {
         Row("beam_null_exact", 40, _NO_EFFECT, beams("modal_null", "exact")),
         Row("beam_null_wrong", 40, _NO_EFFECT, beams("modal_null", "wrong")),
         Row("beam_others", 60, "51 / 57 / at most 1 of 60", any_of(_OTHERS)),
+        Row("beam_damping_tip", 20, "80 % right, 1 of 40 wrong", beams("tip_damping", "exact")),
+        Row("beam_damping_modal", 20, "family told in 95 %", beams("modal_damping", "exact")),
         Row("beam_others_null", 30, "no effect named", any_of([f"{k}_null" for k in _OTHERS])),
     )
 }

@@ -24,6 +24,7 @@ class Said:
     names: tuple[str, ...]
     equivalent: tuple[tuple[str, ...], ...]
     moved: tuple[str, ...] = ()
+    members: tuple[str, ...] = ()  # of a family that was told
 
     @classmethod
     def of(cls, report: Any) -> Said:
@@ -31,11 +32,13 @@ class Said:
         whose = [getattr(report, part, None) for part in ("reduced", "one_coordinate")]
         best = next((of for of in whose if of is not None), report).best
         names = tuple(report.names) if hasattr(report, "names") else best.names
-        return cls(report.verdict, names, tuple(report.equivalent), tuple(best.moved))
+        family = getattr(report, "family", None)
+        members = family.members if family is not None else ()
+        return cls(report.verdict, names, tuple(report.equivalent), tuple(best.moved), members)
 
 
 def marks(said: Said, hidden: Sequence[str], excused: Sequence[str] = ()) -> dict[str, bool]:
-    """Right first, in the set, named and wrong.
+    """Right first, in the set, named and wrong; right first or of the family that was told.
 
     Parameters
     ----------
@@ -51,16 +54,19 @@ def marks(said: Said, hidden: Sequence[str], excused: Sequence[str] = ()) -> dic
     answered = said.verdict in ("named", "ambiguous")
     if not truth:
         right = said.verdict == "none" or (answered and not names)
-        return {"right": right, "in_set": right, "wrong": said.verdict == "named" and bool(names)}
+        wrong = said.verdict == "named" and bool(names)
+        return {"right": right, "in_set": right, "wrong": wrong, "family": right}
     in_set = answered and any(_same(s, truth) for s in sets)
     right = in_set and (_same(names, truth) or any(names | truth <= a for a in ALIKE))
-    return {"right": right, "in_set": in_set, "wrong": said.verdict == "named" and not right}
+    wrong, told = said.verdict == "named" and not right, truth <= {*said.members}
+    return {"right": right, "in_set": in_set, "wrong": wrong, "family": right or told}
 
 
 def of_a_stranger(said: Said) -> dict[str, bool]:
     """What is in no catalogue: right is not to name anything, and not to deny it."""
     right = said.verdict in ("unknown", "ambiguous")
-    return {"right": right, "in_set": right, "wrong": said.verdict == "named"}
+    wrong = said.verdict == "named"
+    return {"right": right, "in_set": right, "wrong": wrong, "family": right}
 
 
 def _same(said: frozenset[str], truth: frozenset[str]) -> bool:
@@ -77,6 +83,7 @@ def line(name: str, results: Sequence[dict], asked: str) -> str:
     if not n:
         return f"{name:22} nothing yet; asked: {asked}"
     counts = {k: sum(r[k] for r in results) for k in ("right", "in_set", "wrong")}
+    family = sum(r.get("family", r["right"]) for r in results)  # older results tell none
     sizes = [max(len(r["equivalent"]), 1) for r in results if r["verdict"] != "none"]
     seconds = [r["seconds"] for r in results]
     verdicts = Counter(r["verdict"] for r in results)
@@ -84,6 +91,7 @@ def line(name: str, results: Sequence[dict], asked: str) -> str:
         f"{name:22} n {n:3}  right {counts['right']:3} ({counts['right'] / n:4.0%})",
         f"in set {counts['in_set']:3} ({counts['in_set'] / n:4.0%})",
         f"named and wrong {counts['wrong']:2}",
+        f"right, or its family told {family:3} ({family / n:4.0%})",
         f"names in a set {np.mean(sizes) if sizes else 0:.2f}",
         " ".join(f"{k} {v}" for k, v in sorted(verdicts.items())),
         f"{np.median(seconds):.1f} s, at most {max(seconds):.0f}",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -34,6 +34,8 @@ class ProcessNoise:
     """The motion of a model may depart from the measured one; see `romsindy.fit.process_noise`."""
 
     known: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
+    # What other modes say of effects: see `Hypothesis.elsewhere`
+    elsewhere: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     def fitted(
         self,
@@ -51,7 +53,8 @@ class ProcessNoise:
                 given = (solution.parts, records, solution.motions)
                 solution = fit(model, *given, fixed=True, iterations=_CHECKS)
                 solution = replace(solution, converged=False)
-            return replace(Hypothesis.of(model, solution, n_free, records), n_unsure=n_unsure)
+            found = Hypothesis.of(model, solution, n_free, records)
+            return replace(found, n_unsure=n_unsure, elsewhere=self.elsewhere)
 
     def further(
         self, model: ReducedModel, records: Sequence[Record], hypothesis: Hypothesis
@@ -62,7 +65,7 @@ class ProcessNoise:
             return hypothesis
         with threadpool_limits(limits=1, user_api="blas"):
             more = fit(model, s.parts, records, s.motions, iterations=_FURTHER)
-            again = Hypothesis.of(model, more, hypothesis.n_free, records)
+            again = hypothesis.again(model, more, records)
             return ProcessNoise().ranked([hypothesis, again])[0]
 
     def ranked(
@@ -185,7 +188,7 @@ class DecaySearch(Search):
             more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
         except TrajectoryError:
             return hypothesis
-        again = Hypothesis.of(self.model, more, hypothesis.n_free, self.records)
+        again = hypothesis.again(self.model, more, self.records)
         # A motion that is not settled is judged by its misfit: its score may lie steps away.
         better = again.solution.chi_squared < s.chi_squared
         return again if more.converged or better else hypothesis

@@ -14,8 +14,8 @@ freeing them pays. Whitening makes samples of correlated noise count for what th
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -38,8 +38,8 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
-# Standard deviations from which on a value that was known to a tolerance is worth a word: 5 %.
-_FAR = 2.0
+# Standard deviations from which on a value that was known to a tolerance is beyond it: 5 %.
+FAR = 2.0
 
 
 class Solved(NamedTuple):
@@ -243,6 +243,27 @@ class Weighing(Protocol):
 
 
 @dataclass(frozen=True)
+class Amended:
+    """What a fit says of its values, with what is known of them from elsewhere."""
+
+    weighed: Any  # what it says by itself, a `Weighing`
+
+    @property
+    def needed(self) -> Any:
+        return self.weighed.needed
+
+    def excess(self, noise: Any) -> float:
+        return float(self.weighed.excess(noise))
+
+    def solved(self, solution: Solution, noise: Any) -> Solved:
+        return self.amended(self.weighed.solved(solution, noise))
+
+    def amended(self, found: Solved) -> Solved:
+        """The same with what is known."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """A fitted hypothesis and what it is worth, given how far its model may be from the truth.
 
@@ -261,6 +282,8 @@ class Hypothesis:
     reach: float = 0.0  # largest reading of all records
     unsaid: tuple[str, ...] = ()  # values that moved by less than matters
     n_unsure: int | None = None
+    # Misfit of what other modes do, beyond that of the best there, by the names of effects
+    elsewhere: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -270,6 +293,13 @@ class Hypothesis:
         weighed = Weighed.of(model, solution, records)
         n_samples, reach = sum(r.count for r in records), largest_reading(records)
         return cls(solution, n_free, n_samples, weighed, reach=reach)
+
+    def again(
+        self, model: ReducedModel, solution: Solution, records: Sequence[Record]
+    ) -> Hypothesis:
+        """The same, fitted further."""
+        found = Hypothesis.of(model, solution, self.n_free, records)
+        return replace(found, elsewhere=self.elsewhere)
 
     def at(self, noise: Any) -> Hypothesis:
         """The same by other noise."""
@@ -316,8 +346,15 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Misfit, here and on what took no part, plus price: the least is the best."""
-        return self.misfit + self.price + self.tested
+        """Misfit, here, on what took no part and in other modes, plus price: the least is best."""
+        return self.misfit + self.price + self.tested + self._elsewhere
+
+    @property
+    def _elsewhere(self) -> float:
+        """Misfit in other modes: of what is not known, that of its likeliest part, or of none."""
+        names = frozenset(p.effect.name for p in self.effects)
+        known = [m for of, m in self.elsewhere.items() if of <= names]
+        return self.elsewhere.get(names, min(known, default=0.0))
 
     @property
     def effects(self) -> tuple[Part, ...]:
@@ -379,6 +416,10 @@ class Hypothesis:
             found.append(max(squared, 0.0) ** 0.5)
         return min(found)
 
+    def growth(self, ratio: float) -> float:
+        """How its errors grow where what is left, so many times the noise, is above it."""
+        return max(ratio, 1.0) if self.noise == NO_FORM_ERROR else 1.0
+
     @property
     def forced(self) -> bool:
         """Whether a force is among its effects, not only what is wrong in a sensor."""
@@ -398,7 +439,7 @@ class Hypothesis:
     def beyond(self) -> tuple[str, ...]:
         """Names of the values that moved by more than their tolerances let expect."""
         known = [(p.effect.name, p.tolerance, p.strengths) for p in self.parts[: self.n_free]]
-        return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > _FAR * s))
+        return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > FAR * s))
 
     @cached_property
     def _worth(self) -> Worth:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.evidence import NO_FORM_ERROR, Hypothesis, weights
+from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.verdict import NAMED_ABOVE
@@ -30,7 +30,7 @@ class FoundEffect:
         magnet where q is larger or smaller, or the name of a coefficient; empty where there is but
         one.
     values, standard_errors : dict of str to float
-        Strength and shape values by name, in the unit of q and seconds.
+        Strength and shape values by name, in the unit of q and seconds, frequencies in Hz.
     weight : float
         Posterior probability among the hypotheses compared.
     advice : str
@@ -39,6 +39,8 @@ class FoundEffect:
         Of the values; empty where one has none.
     relative, relative_error : float or None
         Change of a value of the simulation, as a part of it; None for an effect.
+    assumed, tolerance : float or None
+        What the simulation has for a value, and the standard deviation to which that was known.
     """
 
     name: str
@@ -52,10 +54,12 @@ class FoundEffect:
     units: dict[str, str]
     relative: float | None = None
     relative_error: float | None = None
+    assumed: float | None = None
+    tolerance: float | None = None
 
     def __str__(self) -> str:
         if self.relative is not None and self.relative_error is not None:
-            change = _with_error(100 * abs(self.relative), 100 * self.relative_error)
+            change = value_with_error(100 * abs(self.relative), 100 * self.relative_error)
             way = "higher" if self.relative > 0 else "lower"
             what = _VALUES.get(self.name, f"the coefficient {self.variant}")
             return f"{what} {change} % {way} than assumed ({self._value(_STRENGTH)})"
@@ -63,12 +67,27 @@ class FoundEffect:
         return ", ".join([self.title, *texts])
 
     @property
+    def sure(self) -> bool:
+        """Whether one of its values is surely not zero."""
+        return any(abs(v) > NAMED_ABOVE * self.standard_errors[k] for k, v in self.values.items())
+
+    @property
+    def within(self) -> str:
+        """A value that moved within its tolerance, in words."""
+        unit, error = self.units[_STRENGTH], self.standard_errors[_STRENGTH]
+        if self.assumed is None:
+            return f"{self} (tolerance {self.tolerance:.3g} {unit}".rstrip() + ")"
+        name = _VALUES.get(self.name, self.variant or self.name.replace("_", " "))
+        value = f"{value_with_error(self.assumed + self.values[_STRENGTH], error)} {unit}".rstrip()
+        return f"{name} is {value} (assumed {self.assumed:.6g} +- {self.tolerance:.3g})"
+
+    @property
     def title(self) -> str:
         """The label, with the variant if there is one."""
         return f"{self.label} [{self.variant}]" if self.variant else self.label
 
     def _value(self, name: str) -> str:
-        text = _with_error(self.values[name], self.standard_errors[name])
+        text = value_with_error(self.values[name], self.standard_errors[name])
         return f"{text} {self.units[name]}".rstrip()
 
 
@@ -92,11 +111,7 @@ def of_the_measurement(
 ) -> tuple[FoundEffect, ...]:
     """What the measurement surely adds, of what it may add without being wrong."""
     told = effects_of(hypothesis, [hypothesis], ratio, model, hypothesis.of_measurement)
-    return tuple(
-        e
-        for e in told
-        if any(abs(v) > NAMED_ABOVE * e.standard_errors[k] for k, v in e.values.items())
-    )
+    return tuple(e for e in told if e.sure)
 
 
 def titles(hypothesis: Hypothesis) -> str:
@@ -112,39 +127,42 @@ def _effect(
     hypothesis: Hypothesis, index: int, rivals: Sequence[Hypothesis], ratio: float, model: Equations
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
-    # Where the residual is above the noise, the errors grow with it.
-    grow = max(ratio, 1.0) if hypothesis.noise == NO_FORM_ERROR else 1.0
-    std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
+    std = hypothesis.growth(ratio) * np.sqrt(np.diag(hypothesis.covariance[where, where]))
     # Where a mass was at the start of a record says nothing about the mass.
     k, shared = part.strengths.size, part.effect.n_shared
     shown = [*range(shared or k), *range(k, part.size)]
     names = [_STRENGTH] * shared + _value_names(part)[shared and k :]
     shares = zip(rivals, weights(rivals), strict=True)
     weight = sum(share for h, share in shares if part.effect.name in h.names)
+    units, scale = _units(part, model.unit)
+    values, std = part.values / scale, std / scale
     return FoundEffect(
         part.effect.name,
         part.effect.label,
         part.effect.family,
         part.effect.variant,
-        dict(zip(names, part.values[shown].tolist(), strict=True)),
+        dict(zip(names, values[shown].tolist(), strict=True)),
         dict(zip(names, std[shown].tolist(), strict=True)),
         float(weight),
         part.effect.advice,
-        dict(zip(names, [_units(part, model.unit)[i] for i in shown], strict=True)),
+        dict(zip(names, [units[i] for i in shown], strict=True)),
         *_relative(part, std, model),
     )
 
 
-def _relative(part: Part, std: Array, model: Equations) -> tuple[float | None, float | None]:
-    """Change of a value of the model as a part of it, and its error."""
+def _relative(part: Part, std: Array, model: Equations) -> tuple[float | None, ...]:
+    """Change of a value of the model as a part of it, its error, what it was, its tolerance."""
     is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
     law = part.effect.term()
     now = model.coefficients.get(law.key, 0.0) if is_value and law is not None else 0.0
+    own = getattr(part.effect, "assumed", now or None), part.tolerance
     size = abs(now)  # of a negative one, too, more is higher
-    return (float(part.strengths[0, 0]) / size, float(std[0]) / size) if now else (None, None)
+    changes = (float(part.strengths[0, 0]) / size, float(std[0]) / size) if now else (None, None)
+    return *changes, *own
 
 
-def _with_error(value: float, error: float) -> str:
+def value_with_error(value: float, error: float) -> str:
+    """A value to the digits that its error leaves, and the error."""
     if not error > 0:
         return f"{value:.4g}"
     digits = max(int(np.floor(np.log10(max(abs(value), 1e-300) / error))) + 2, 2)
@@ -152,10 +170,13 @@ def _with_error(value: float, error: float) -> str:
     return f"{told:.10g} +- {spread:g}"
 
 
-def _units(part: Part, of_q: str | None) -> list[str]:
-    own = part.effect.strength_unit(of_q)
-    shapes = [(of_q or "") if p.unit == "q" else p.unit for p in part.parameters]
-    return ["" if own == "1" else own] * part.strengths.size + shapes
+def _units(part: Part, of_q: str | None) -> tuple[list[str], Array]:
+    """Units in which values are told, and their sizes in those of q and seconds."""
+    own, k = part.effect.strength_unit(of_q), part.strengths.size
+    known = {"q": (of_q or "", 1.0), "rad/s": ("Hz", 2 * np.pi)}
+    pairs = [("" if own == "1" else own, 1.0)] * k
+    pairs += [known.get(p.unit, (p.unit, 1.0)) for p in part.parameters]
+    return [unit for unit, _ in pairs], np.array([size for _, size in pairs])
 
 
 def _value_names(part: Part) -> list[str]:

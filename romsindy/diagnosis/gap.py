@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
-from romsindy.text import left_over
+from romsindy.text import Shown, left_over
 from romsindy.typing import Array
 
 HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
@@ -90,12 +91,29 @@ class Prediction:
             return None
 
 
+class LoudAndQuiet(NamedTuple):
+    """Rms of what is left over the noise, in cycles above and below half of the largest amplitude.
+
+    ``half`` is that amplitude.
+    """
+
+    loud: float
+    quiet: float
+    half: float
+
+
 @dataclass(frozen=True, repr=False)
 class Gap:
     """Before and after, on what took no part in the fit."""
 
     predictions: tuple[Prediction, ...]
     unseen: bool  # False where records were too short to hold any part out
+    sensor: Shown | None = None  # that tells amplitudes, if the coordinate itself does not
+
+    @property
+    def shown(self) -> Shown:
+        """How amplitudes are told."""
+        return self.sensor or Shown(self.predictions[0].record.decay.unit or "[q]")
 
     @property
     def where(self) -> str:
@@ -110,6 +128,22 @@ class Gap:
     def worst(self) -> int:
         """Number of the record with the largest error afterwards."""
         return int(np.argmax([p.error(p.after) for p in self.predictions]))
+
+    @property
+    def loud_and_quiet(self) -> LoudAndQuiet | None:
+        """What is left by amplitude, where that is most; None where all cycles are alike."""
+        p = self.predictions[self.worst]
+        cycles = p.backbone(p.record.signal)
+        if cycles is None:
+            return None
+        half = float(cycles.amplitude.max()) / 2
+        loud = np.interp(p.record.t, cycles.t, cycles.amplitude) > half
+        misfit = p.misfit(p.after) / p.record.noise.std
+        left = [x[~np.isnan(x)] for x in (misfit[loud], misfit[~loud])]
+        if min(map(len, left)) == 0:
+            return None
+        above, below = (float(np.sqrt(np.mean(x**2))) for x in left)
+        return LoudAndQuiet(above, below, half)
 
     @property
     def before(self) -> float:
@@ -179,8 +213,9 @@ class Gap:
             name = f"{p.title}: " if len(self.predictions) > 1 else ""
             errors = [f"{p.error(x):.3g}" for x in (p.before, p.after)]
             rows.append([f"{name}error over noise", *errors])
-            unit = p.record.decay.unit or "[q]"
-            rows.append([f"{name}amplitudes compared, {unit}", *map(_amplitudes, differences)])
+            shown = self.shown
+            sizes = (_amplitudes(d, shown) for d in differences)
+            rows.append([f"{name}amplitudes compared, {shown.unit}{shown.at}", *sizes])
             for kind, title in _ROWS.items():
                 rows.append([f"{name}{title}", *(_percent(d, kind) for d in differences)])
         return rows
@@ -198,11 +233,10 @@ _ROWS = {
 }
 
 
-def _amplitudes(difference: Difference) -> str:
+def _amplitudes(difference: Difference, shown: Shown) -> str:
     if difference.apart:
         return "hardly any in common"
-    low, high = difference.amplitude
-    return f"{low:.2g} to {high:.2g}"
+    return shown._replace(unit="", sensor="").told(*difference.amplitude).rstrip()
 
 
 def _percent(difference: Difference, kind: str) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
+from romsindy.diagnosis.gap import LoudAndQuiet
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation
@@ -33,6 +35,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.spectrum import Spectrum
+from romsindy.text import Shown, two_digits
 from romsindy.typing import Array
 
 QUARTILE = float(norm.ppf(0.75))  # one in four comes out worse than what is promised
@@ -40,6 +43,7 @@ _STEPS = 12  # a cycle: truth and rival share their error
 _LEAST_CYCLES = 6
 _LOST = 1e4  # a linearised motion that goes so many amplitudes astray says nothing
 _TURN = 2 * np.pi
+_GROWS = 1.25  # times as much in loud cycles as in quiet ones, or the other way
 _GROWN = 1.5  # a motion that goes so far beyond its release escapes
 
 
@@ -77,13 +81,16 @@ class Experiment:
         return self.words.format(amplitude=size)
 
 
+AGAIN = Experiment("the same release again", 1.0)
+LARGER = Experiment("a decay from {amplitude}", 1.0, amplitude=1.5)
+LONGER = Experiment("a record twice as long", 2.0, duration=2.0)
 EXPERIMENTS = (
-    Experiment("the same release again", 1.0),
+    AGAIN,
     Experiment("a release to the other side", 1.0, amplitude=-1.0),
     Experiment("a decay from {amplitude}", 1.0, amplitude=0.5),
-    Experiment("a decay from {amplitude}", 1.0, amplitude=1.5),
+    LARGER,
     Experiment("the same release twice more", 2.0, repetitions=2),
-    Experiment("a record twice as long", 2.0, duration=2.0),
+    LONGER,
     Experiment("the same release after ten times the length of a record", 2.0, wait=10.0),
     Experiment("a decay from {amplitude}", 2.0, amplitude=2.0),
     Experiment("the same release four times more", 4.0, repetitions=4),
@@ -92,13 +99,21 @@ EXPERIMENTS = (
 )
 
 
+class Test(Protocol):
+    """What could be done next."""
+
+    @property
+    def cost(self) -> float:
+        """In repetitions of the largest release so far."""
+
+
 @dataclass(frozen=True)
 class Advice:
     """The test to make next.
 
     Attributes
     ----------
-    test : Experiment
+    test : Experiment or another test with a ``cost``
     action : str
         What to do, in words.
     odds : float
@@ -106,17 +121,14 @@ class Advice:
         in three of four cases, whichever is right. No more than 1000 are promised.
     rivals : tuple of str
         What it is to tell apart, the best first.
-    explained : bool
-        Whether they explain the data so far.
     otherwise : tuple of str
         What the effects themselves advise, for where no simulated test tells enough.
     """
 
-    test: Experiment
+    test: Test
     action: str
     odds: float
     rivals: tuple[str, ...]
-    explained: bool
     otherwise: tuple[str, ...] = ()
 
     @property
@@ -134,15 +146,62 @@ class Advice:
         """The advice in words, to follow "Next: "."""
         *others, last = self.rivals
         expected = f"(expected odds {float(f'{self.odds:.2g}'):g} : 1)"
-        if self.explained:
-            aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
-        else:
-            aim = f"show whether what is missing is nearer to {', '.join(others)} or {last}"
+        aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
         if self.enough:
             return f"{self.action} would {aim} {expected}."
         best = f"the best of them is {self.action} {expected}"
         beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
         return f"no test that was simulated would {aim}; {best}{beside}."
+
+
+@dataclass(frozen=True)
+class MoreOfIt:
+    """The test to make next where nothing explains the data.
+
+    Attributes
+    ----------
+    test : Experiment
+    action : str
+        What to do, in words.
+    loud, quiet : float
+        What is left over the noise above and below an amplitude, see `Gap.loud_and_quiet`.
+    half : str
+        That amplitude, with its unit.
+    """
+
+    test: Experiment
+    action: str
+    loud: float
+    quiet: float
+    half: str
+    odds: None = None  # between what was refused mean nothing
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def cost(self) -> float:
+        """In repetitions of the largest release so far."""
+        return self.test.cost
+
+    @property
+    def sentence(self) -> str:
+        """The advice in words, to follow "Next: "."""
+        aim = "whether it repeats" if self.test == AGAIN else "more of what is missing"
+        sizes = f"{two_digits(self.loud)} times the noise above {self.half}"
+        return (
+            f"{self.action} would show {aim}: what is left is {sizes},"
+            f" {two_digits(self.quiet)} times below."
+        )
+
+
+def more_of_it(left: LoudAndQuiet, largest: float, shown: Shown) -> MoreOfIt:
+    """Whether a larger amplitude, a longer record or the same again shows more of what is left.
+
+    ``largest`` is the largest amplitude so far.
+    """
+    loud, quiet, half = left
+    test = LARGER if loud > _GROWS * quiet else LONGER if quiet > _GROWS * loud else AGAIN
+    action = test.words.format(amplitude=shown.told(abs(test.amplitude) * largest))
+    return MoreOfIt(test, action, loud, quiet, shown.told(half))
 
 
 @dataclass(frozen=True)
@@ -310,7 +369,7 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
     return -weaker * np.sign(values[i]) * covariance[i] / std[i]
 
 
-_MOST_ODDS = 1000.0  # more depends on what no rival knows of
+MOST_ODDS = 1000.0  # more depends on what no rival knows of
 _RIVALS = 3
 _UNLIKELY = 0.1  # rivals that share so little of the weight may stay untold
 
@@ -320,25 +379,21 @@ def next_test(
     model: ReducedModel,
     records: Sequence[Record],
     tests: Sequence[Experiment] = EXPERIMENTS,
-    *,
-    explained: bool = True,
 ) -> Advice | None:
     """The cheapest test that would tell rivals apart; of several, that with the best expected odds.
 
     Where none would, the one that comes nearest; None where there is nothing to tell apart, or no
     test that the model, the simulation as it was, can simulate. The rivals are fitted to the
-    records, the best first. Where these are not ``explained`` the odds so far mean nothing, and the
-    test is to show which of the rivals is nearest to what is missing.
+    records, the best first.
     """
     rivals = rivals[:_RIVALS]
     if len(rivals) < 2:
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
-    shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
     compared = _Comparison(
         [Extrapolation.of(model, h, records, largest) for h in rivals],
-        np.array([h.score if explained else 0.0 for h in rivals]),
-        shares,
+        np.array([h.score for h in rivals]),
+        weights(rivals),
         records,
         largest,
     )
@@ -346,11 +401,11 @@ def next_test(
     if test is None:
         return None
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
-    odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
+    odds = float(np.exp(min(value, np.log(MOST_ODDS))))
     names = tuple(titles(h) for h in rivals)
     own = [p.effect.advice for h in rivals for p in h.effects]
     otherwise = tuple(dict.fromkeys(words for words in own if words != Effect.advice))
-    return Advice(test, action, odds, names, explained, otherwise)
+    return Advice(test, action, odds, names, otherwise)
 
 
 def _best(tests: Sequence[Experiment], compared: _Comparison) -> tuple[float, Experiment | None]:

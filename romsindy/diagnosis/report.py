@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,17 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
+from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.next_test import (
+    EXPERIMENTS,
+    Advice,
+    Experiment,
+    MoreOfIt,
+    more_of_it,
+    next_test,
+)
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.diagnosis.written import Written
 from romsindy.effects.base import Scales
@@ -33,6 +41,8 @@ if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 _ADVICE = ("action", "odds", "cost", "rivals")
+_FAMILY = ("name", "size", "assumed", "found", "error", "members")
+_MEMBERS = ("one of the family", "the others")  # as a test tells them apart
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -60,10 +70,24 @@ class Explained(Written):
         return self._found(self.best)
 
     @property
+    def family(self) -> EffectFamily | None:
+        """What the data do not tell apart, as one answer; None where that is more than one."""
+        return None
+
+    @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
         beside = [i for i in self.best.changed if i not in self.best.blamed]
         return self._found(self.best, beside)
+
+    @property
+    def within(self) -> tuple[FoundEffect, ...]:
+        """Values that surely moved within their tolerances."""
+        best = self.best
+        told = {*best.blamed, *best.changed, *best.of_measurement}
+        free = best.parts[: best.n_free]
+        known = [i for i, p in enumerate(free) if p.tolerance is not None and i not in told]
+        return tuple(e for e in self._found(best, known) if e.sure)
 
     def _found(
         self, hypothesis: Hypothesis, which: Sequence[int] | None = None
@@ -73,8 +97,13 @@ class Explained(Written):
     @property
     def next_best(self) -> Hypothesis | None:
         """The best of what was compared that says something else than the best."""
-        # More, beside all that the best says, is no alternative to it.
-        others = (h for h in self.compared if h.names and not self.best.said <= h.said)
+        # More, beside all that the best says, is no alternative to it, nor is what does the same.
+        alike = {(name,) for name in self.family.members} if self.family else set()
+        others = (
+            h
+            for h in self.compared
+            if h.names and h.names not in alike and not self.best.said <= h.said
+        )
         return next(others, None) if self.best.names else None
 
     @property
@@ -115,13 +144,15 @@ class Explained(Written):
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            if not (found and self.best.sureness >= NAMED_ABOVE and self.gap.closed > 0):
+            if not (found and self._sure and self.gap.closed > 0):
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
         odds = ""
         if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
             odds = f" ({words.odds(self._log_odds(other), titles(other))})"
+        if self.family is not None:
+            return f"{self.family.in_words(odds[2:-1])}. {self._closing(closes)}{also}"
         others = ", or ".join(titles(h) for h in self.rivals[1:])
         if others and self.verdict == "named":  # values of the simulation come first
             also += f" {others[0].upper()}{others[1:]} would do as well."
@@ -138,6 +169,11 @@ class Explained(Written):
         return f"{found}{odds}. {self._closing(closes)}{self._small}{also}"
 
     @property
+    def _sure(self) -> bool:
+        """Whether what is told is surely there."""
+        return self.best.sureness >= NAMED_ABOVE * self.best.growth(self.remainder.ratio)
+
+    @property
     def _interrupted(self) -> list[str]:
         if not self.interrupted:
             return []
@@ -148,6 +184,8 @@ class Explained(Written):
 
     def table(self) -> list[list[str]]:
         rows = [list(TABLE_HEAD)]
+        if self.verdict == "unknown" and not self._sure:
+            return rows
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
                 for key, value in effect.values.items():
@@ -292,6 +330,14 @@ class DiagnosisReport(BesideDecays, Explained):
     small: bool = False
     whole: tuple[Difference, ...] = ()
 
+    @cached_property
+    def family(self) -> EffectFamily | None:
+        """What the data do not tell apart, as one answer, where all of it does the same."""
+        if self.verdict != "ambiguous":
+            return None
+        growth = self.best.growth(self.remainder.ratio)
+        return EffectFamily.of(self.rivals, self.nominal, self.records[0], growth)
+
     @property
     def left(self) -> Left:
         """What is left: noise, what does not matter, the form of the model, or more than that."""
@@ -299,34 +345,31 @@ class DiagnosisReport(BesideDecays, Explained):
         return left_over(self.best, *given)
 
     @cached_property
-    def next_test(self) -> Advice | None:
-        """The test that would best tell apart what these data do not; None where none is needed."""
+    def next_test(self) -> Advice | MoreOfIt | None:
+        """The test that would best tell apart what these data do not; None where none is needed.
+
+        Where nothing explains the data, that which shows more of what is missing.
+        """
+        if self.verdict == "unknown":
+            left, largest = self.gap.loud_and_quiet, max(r.amplitude for r in self.records)
+            return None if left is None else more_of_it(left, largest, self.gap.shown)
         return self.advised()
 
     def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
-        """The same, of the tests that can be made.
-
-        Where nothing explains the data, what came nearest is to be told apart.
-        """
-        given = (self.nominal, self.records, tests)
-        if self.verdict == "ambiguous":
-            return next_test(self.rivals, *given)
-        if self.verdict == "unknown":
-            nearest: dict[tuple[str, ...], Hypothesis] = {}
-            for h in (self.best, *self.compared):
-                if h.names and len(h.effects) <= max(len(self.best.effects), 1):
-                    nearest.setdefault(h.names, h)
-            return next_test(list(nearest.values()), *given, explained=False)
-        return None
+        """Of the tests that can be made, that which would best tell explanations apart."""
+        if self.verdict != "ambiguous":
+            return None
+        return next_test(self.rivals, self.nominal, self.records, tests)
 
     # -- words ---------------------------------------------------------------------------------
 
     @property
     def sentence(self) -> str:
-        return "\n".join(self.lines(words.remainder(self.gap, self.left)))
+        lines = self.lines(words.remainder(self.gap, self.left), self.next_test)
+        return "\n".join([*lines, *words.within(self.within)])
 
-    def lines(self, left: str) -> list[str]:
-        """The lines of the finding, with what is left in other words."""
+    def lines(self, left: str, advice: Advice | MoreOfIt | None) -> list[str]:
+        """The lines of the finding, with what is left, and what to do next, of one's own."""
         lines = [
             *self._interrupted,
             self.opening,
@@ -334,8 +377,9 @@ class DiagnosisReport(BesideDecays, Explained):
             f"Left: {left}",
             *self._noted(self.notes),
         ]
-        if self.next_test is not None:
-            lines.append(f"Next: {self.next_test.sentence}")
+        if advice is not None:
+            told = advice if self.family is None else replace(advice, rivals=_MEMBERS)
+            lines.append(f"Next: {told.sentence}")
         elif self.verdict == "named" and self.effects:
             lines.append(f"Next: {words.confirming(self.effects)}")
         return lines
@@ -343,7 +387,7 @@ class DiagnosisReport(BesideDecays, Explained):
     @property
     def opening(self) -> str:
         """Whether simulation and records differ, and by how much: the first line."""
-        line = words.difference(self.differences, self.tolerance, self.nominal.unit)
+        line = words.difference(self.differences, self.tolerance, self.gap.shown)
         if self.best.names and self.verdict != "none" and not (self._differ or self.small):
             line += words.single_swings(self._log_odds(self.base))
         return line
@@ -361,6 +405,8 @@ class DiagnosisReport(BesideDecays, Explained):
         if not self._differ:
             return super()._nothing
         added = of_the_measurement(self.best, self.remainder.ratio, self.nominal)
+        if not added and self.within:
+            return "nothing: values that moved within their tolerances may be what differs."
         if not added:
             return "nothing that these data show."
         return f"nothing: a measurement may add what differs ({listed([str(e) for e in added])})."
@@ -368,13 +414,14 @@ class DiagnosisReport(BesideDecays, Explained):
     # -- tables and files ------------------------------------------------------------------------
 
     def _content(self) -> dict[str, Any]:
-        advice = self.next_test
+        advice, family = self.next_test, self.family
         return {
             **super()._content(),
             **self._sizes(self.remainder),
             **self._explanations(),
             "left": self.left,
-            "next": None if advice is None else {k: getattr(advice, k) for k in _ADVICE},
+            "family": None if family is None else {k: getattr(family, k) for k in _FAMILY},
+            "next": None if advice is None else in_json(advice),
         }
 
     def pictures(self) -> dict[str, Picture]:
@@ -388,6 +435,11 @@ class DiagnosisReport(BesideDecays, Explained):
 
     def page(self) -> dict[str, Any]:
         return {**super().page(), "formula": self.model.latex_terms()}
+
+
+def in_json(advice: Advice | MoreOfIt) -> dict[str, Any]:
+    """What JSON says of the next test."""
+    return {k: getattr(advice, k) for k in _ADVICE}
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

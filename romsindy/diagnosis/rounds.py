@@ -7,7 +7,7 @@ structure itself (defect correction).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -26,7 +26,11 @@ from romsindy.record.decay import Decay
 
 _ROUNDS = 5
 _ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
+_NEAR = 0.02  # of the gap in the coordinate: so much what is wrong may leave of it
+_AS_LITTLE = 50.0  # twice the logarithm of odds
 _SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
+
+Names = frozenset[str]  # of the effects of an explanation
 
 
 class Outcome(NamedTuple):
@@ -58,6 +62,8 @@ class Rounds:
     # How each record started; None is found
     releases: list[Any]
     form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
+    # What other modes say of effects, see `Hypothesis`
+    elsewhere: dict[Names, float] = field(default_factory=dict)
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 
@@ -141,7 +147,7 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        known = chosen, self.form, False
+        known = chosen, self.form, False, self.elsewhere
         return self.look(self.model, training, test, self.unsure, {}, *known)
 
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
@@ -165,3 +171,32 @@ class Rounds:
         if set(before) != set(after):
             return False
         return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())
+
+    def near(self, report: DiagnosisReport, most: int) -> list[Hypothesis]:
+        """At ``most`` so many explanations that leave next to nothing of the coordinate.
+
+        They are those that the structure can have, and that leave as little of the other modes once
+        these were heard.
+        """
+        best = report.best
+        gap = report.base.at(best.noise).misfit - best.misfit
+        without = self.elsewhere.get(frozenset(), 0.0)
+        found: dict[Names, Hypothesis] = {}
+        for h in (best, *report.compared):
+            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
+            as_few = 0 < len(h.effects) <= len(best.effects)
+            heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
+            if h.score < best.score + _NEAR * gap and as_few and there and heard:
+                found.setdefault(names_of(h), h)
+        return list(found.values())[:most]
+
+    def likeliest(self, asked: Sequence[Hypothesis], misfits: Mapping[Names, float]) -> Hypothesis:
+        """The best of explanations, with their misfits in other modes, which count from now on."""
+        least = min(misfits.values())
+        self.elsewhere = {names: x - least for names, x in misfits.items()}
+        return min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
+
+
+def names_of(h: Hypothesis) -> Names:
+    """What it says beside unsure values."""
+    return frozenset(p.effect.name for p in h.effects)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,10 +16,14 @@ from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import SIGNALS, Decay
+from romsindy.record.noise import Noise
+from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
 # A cycle is left out that differs by so many times the median of so many later ones.
 _RESTLESS, _NEXT = 1.3, 8
+_FLOOR = 1e-6  # of the largest reading: the least noise
+_SLOW = 3  # cycles from knot to knot of what is no noise of a sensor
 
 
 class Moved(NamedTuple):
@@ -110,6 +114,21 @@ def corrected(
     return Corrected(own, moved[record.derivative], start, release)
 
 
+def channel_noises(record: Record, decay: Decay, floor: float) -> tuple[Noise, ...]:
+    """Noise of every sensor that measured a decay, whose coordinate is a record.
+
+    ``floor`` is the least, as a part of the largest reading.
+    """
+    clock = decay.t - decay.t[0]
+    amplitude, cycle = np.abs(record.spline.amplitudes(clock)[:, 1]), 2 * np.pi / record.rate
+    found = []
+    for x in decay.signal.reshape(len(clock), -1).T:
+        smooth = HarmonicSpline.along(record.spline.phase, clock, x, _SLOW)
+        rest, least = x - smooth(clock)[0], floor * float(np.abs(x).max())
+        found.append(Noise.of(rest, smooth.midline(clock), amplitude, cycle, decay.dt, least))
+    return tuple(found)
+
+
 def key_of(part: Part) -> tuple[str, str]:
     """What tells parts of a hypothesis apart."""
     return part.effect.name, part.effect.variant
@@ -138,3 +157,28 @@ def calm_from(record: Record, readings: Array) -> float:
     while first < len(rms) // 4 and rms[first] > _RESTLESS * np.median(rms[first + 1 :][:_NEXT]):
         first += 1
     return float(record.decay.t[record.cycles[first] if first else 0])
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """Rms of measured minus simulated displacement, over the noise, of one sensor."""
+
+    label: str
+    before: float
+    after: float
+    part: float  # the rms afterwards, as a part of that of the response
+    noise: float  # standard deviation, unit of what it reads
+
+
+def sensor_errors(
+    labels: Sequence[str], decay: Decay, both: Sequence[Corrected]
+) -> tuple[SensorError, ...]:
+    """Every sensor against the structure before and after, in one record."""
+    decay = decay.between(end=both[0].decay.t[-1])
+    readings = decay.signal.reshape(-1, len(labels))
+    record = Record.of(both[-1].decay.between(decay.t[0]), _FLOOR)
+    noise = np.array([n.std for n in channel_noises(record, decay, _FLOOR)])
+    left = [readings - c.readings[-len(readings) :] for c in both]
+    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
+    told = before / noise, after / noise, after / np.std(readings, axis=0), noise
+    return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))

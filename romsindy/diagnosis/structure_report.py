@@ -4,48 +4,26 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from romsindy.diagnosis import words
+from romsindy.diagnosis.family import EffectFamily
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.structure import Corrected
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
+from romsindy.diagnosis.report import in_json
+from romsindy.diagnosis.structure import SensorError
 from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
-from romsindy.record.decay import Decay
-from romsindy.record.spectrum import noise_std
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 _SIDES = ("before", "after", "part")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """Rms of measured minus simulated displacement, over the noise, of one sensor."""
-
-    label: str
-    before: float
-    after: float
-    part: float  # the rms afterwards, as a part of that of the response
-
-
-def sensor_errors(
-    labels: Sequence[str], decay: Decay, both: Sequence[Corrected]
-) -> tuple[SensorError, ...]:
-    """Every sensor against the structure before and after, in one record."""
-    readings = decay.between(end=both[0].decay.t[-1]).signal.reshape(-1, len(labels))
-    noise = np.array([noise_std(y) for y in readings.T])
-    left = [readings - c.readings[-len(readings) :] for c in both]
-    before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
-    told = before / noise, after / noise, after / np.std(readings, axis=0)
-    return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -90,6 +68,16 @@ class StructureReport(Written):
         return self.reduced.equivalent
 
     @property
+    def family(self) -> EffectFamily | None:
+        """What the data do not tell apart, as one answer, where all of it does the same."""
+        return self.reduced.family
+
+    @property
+    @abstractmethod
+    def next_test(self) -> Advice | MoreOfIt | None:
+        """The test that would best tell apart what these data do not; None where none is needed."""
+
+    @property
     @abstractmethod
     def recipe(self) -> str:
         """What makes the improved structure of the one that was."""
@@ -131,6 +119,7 @@ class StructureReport(Written):
     def _content(self) -> dict[str, Any]:
         content = json.loads(self.reduced.to_json())
         content |= {"verdict": self.verdict, "sentence": self.sentence}
+        content["next"] = None if self.next_test is None else in_json(self.next_test)
         content["sensors"] = [vars(e) for e in self.sensor_errors]
         return content
 

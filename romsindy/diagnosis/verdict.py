@@ -45,8 +45,7 @@ class Explanation:
     @property
     def sureness(self) -> float:
         """Standard errors, as they are told, by which its least sure strength is off zero."""
-        grow = max(self.left.ratio, 1.0) if self.hypothesis.noise == NO_FORM_ERROR else 1.0
-        return self.hypothesis.sureness / grow
+        return self.hypothesis.sureness / self.hypothesis.growth(self.left.ratio)
 
     @property
     def closed(self) -> float:

@@ -10,7 +10,7 @@ from romsindy.diagnosis.difference import DEFAULT, KINDS, WIDEST, Difference, To
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.text import left_over, listed, percent, two_digits
+from romsindy.text import Shown, left_over, listed, percent, two_digits
 
 _SOURCES = {
     DEFAULT: "{} would not matter",
@@ -30,13 +30,13 @@ _KINDS = {
 }
 
 
-def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: str | None) -> str:
+def difference(differences: Sequence[Difference], tolerance: Tolerance, shown: Shown) -> str:
     """Whether simulation and records differ: by how much, over which amplitudes."""
     which = max(
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
     worst = differences[which].worst(tolerance)
-    over = _over(worst, unit) + (f" in {differences[which].name}" if len(differences) > 1 else "")
+    over = _over(worst, shown) + (f" in {differences[which].name}" if len(differences) > 1 else "")
     if worst.apart:
         if differences[which].exceeds(tolerance):
             return (
@@ -55,7 +55,7 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     told = {k: f"{percent(worst.bound(k))} {_WHERE[k]}" for k in KINDS}
     agree = [text for k, text in told.items() if worst.agrees(k, tolerance)]
     may_differ = [text for text in told.values() if text not in agree]
-    over = _over(worst, unit)
+    over = _over(worst, shown)
     if not may_differ:
         return f"They agree within {listed(agree)} {over} ({known})."
     unsure = f"may differ by {listed(may_differ)}, which these records do not determine ({known})."
@@ -67,9 +67,8 @@ def single_swings(log_odds: float) -> str:
     return f" Single swings differ ({_odds(log_odds)} against no difference)."
 
 
-def _over(found: Difference, unit: str | None) -> str:
-    low, high = (f"{a:.2g}" for a in found.amplitude)
-    return f"over {low} to {high} {unit or '[q]'}"
+def _over(found: Difference, shown: Shown) -> str:
+    return f"over {shown.told(*found.amplitude)}"
 
 
 def _sizes(found: Difference, kinds: Sequence[str]) -> str:
@@ -125,6 +124,11 @@ def confirming(effects: Sequence[FoundEffect]) -> str:
     return f"to confirm it, {'; '.join(dict.fromkeys(e.advice for e in effects))}."
 
 
+def within(values: Sequence[FoundEffect]) -> list[str]:
+    """Values that moved within their tolerances, a sentence each."""
+    return [f"Within its tolerance {value.within}." for value in values]
+
+
 def remainder(gap: Gap, kind: str) -> str:
     """How much is left, and what kind of thing it is."""
     worst = gap.predictions[gap.worst]
@@ -135,8 +139,8 @@ def remainder(gap: Gap, kind: str) -> str:
 def over_sensors(gap: Gap, kind: str, sensor: str, part: float, times: float) -> str:
     """What is left of a beam: in its first mode, and ``part`` and ``times`` of the worst sensor."""
     of_worst = left_over(part, times)
-    if kind == "noise" and times > PREDICTED:
+    if times > PREDICTED and kind != "effect":
         first = gap.predictions[gap.worst]
         there = f"{first.left(first.after)} in the coordinate of the first mode"
-        return f"{of_worst} at the worst sensor, {sensor}; {there}."
+        return f"{of_worst} at the worst sensor, {sensor}; {there}{_KINDS.get(kind, '')}."
     return f"{remainder(gap, kind).removesuffix('.')}; at the worst sensor, {sensor}, {of_worst}."

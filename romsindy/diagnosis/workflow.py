@@ -46,10 +46,12 @@ def diagnose_model(
     options: Options,
     form: FormError = NO_FORM_ERROR,
     own_values: bool = True,
+    elsewhere: Mapping[frozenset[str], float] | None = None,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`.
 
-    ``own_values`` says whether its coefficients are values of the simulation, not of its reduction.
+    ``own_values`` says whether its coefficients are values of the simulation, not of its reduction,
+    ``elsewhere`` what other modes say of effects, see `Hypothesis`.
     """
     check_request(model, measured, held_out, free, tolerances)
     records = _Records.of(model, measured, held_out, options.floor)
@@ -59,7 +61,7 @@ def diagnose_model(
     parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
     sought = _sought(model, options.catalogue, parts, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
-    search = DecaySearch(*given, ProcessNoise(form))
+    search = DecaySearch(*given, ProcessNoise(form, elsewhere or {}))
     exact = search.with_free(()).hypothesis([])
     slack = search.with_free(nuisances(records.learning)).hypothesis([])
     agree = _agree(search, slack, as_it_was)

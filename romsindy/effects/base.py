@@ -112,6 +112,7 @@ class Effect(ABC):
     formula: ClassVar[str] = ""  # of what it adds, where no law says it
     resembles: ClassVar[tuple[str, ...]] = ()
     sign: ClassVar[int] = 0
+    least: ClassVar[float] = -np.inf  # strength of what takes away from something that is there
     start: ClassVar[float] = 0.0  # strength that a fit starts from
     tolerance: ClassVar[float | None] = None  # standard deviation of a strength known to be near 0
     n_strengths: ClassVar[int] = 1

@@ -124,7 +124,7 @@ class AtPoint(Mounting):
 
     @property
     def place(self) -> str:
-        return "at the tip" if self.at is None else f"at {self.at:.4g} m"
+        return "at the tip" if self.at is None else f"at {self.at:.3g} m"
 
 
 @dataclass(frozen=True)

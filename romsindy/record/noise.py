@@ -198,8 +198,12 @@ class Noise:
         T. Natarajan, K. Rao, IEEE Trans. Computers C-23, 1974, 90).
         """
         waves = dct(x, norm="ortho", axis=0)
-        waves /= np.sqrt(self._weighed(len(x))).reshape(-1, *np.ones(x.ndim - 1, int))
+        waves /= self.of_cosines(len(x)).reshape(-1, *np.ones(x.ndim - 1, int))
         return np.asarray(waves)
+
+    def of_cosines(self, n: int) -> Array:
+        """Standard deviations by which the cosines of n samples are weighed, (n,)."""
+        return np.asarray(np.sqrt(self._weighed(n)))
 
     def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
         """Noise like this one: the same level and colour, lines with phases of their own, (n,)."""

@@ -21,7 +21,8 @@ from matplotlib.ticker import MaxNLocator
 from romsindy import __version__
 from romsindy.record.backbone import Backbone
 from romsindy.record.files.save import whole, write_whole
-from romsindy.show.axes import of_cycles, tell, with_unit
+from romsindy.show.axes import tell, with_unit
+from romsindy.show.cycles import of_cycles
 from romsindy.show.interactive import curves, script
 from romsindy.text import TextTable, columns_of_numbers
 

@@ -5,7 +5,7 @@ with the same effects and from the same release, hardly depends on what is still
 taken off, a fit of the reduced model is one of the beam (defect correction, [1]).
 
 A beam that is pulled at a point or hit moves in all its modes, one that is held by a modal force
-almost in one. What the higher modes do in the first cycle tells which forces held and pushed it.
+almost in one. What the higher modes do in the first cycles tells which forces held and pushed it.
 
 [1] H. Stetter, The defect correction principle and discretization methods, Numer. Math. 29 (1978).
 """
@@ -40,6 +40,8 @@ _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
 _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differences
+_TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
+_CYCLES = 3  # from which the release is read: noise hides in one what rings a little
 _ROUNDS = 2  # of reading the release: the motion is nearly linear in the higher modes
 
 
@@ -63,16 +65,16 @@ def read_release(
 ) -> ReleaseLoad:
     """Find the loads that held a beam until it was let go, and that pushed it.
 
-    Each is a sum of modal forces. Beside their ratios an error of the amplitude, one of the
-    frequency and, for a beam that moves, one of the time are fitted, so that what the beam lacks is
-    not taken for a part of the release.
+    Each is a sum of modal forces. Beside their ratios errors of the amplitude, of the damping and
+    the frequency and, for a beam that moves, one of the time are fitted, so that what the beam
+    lacks is not taken for a part of the release.
 
     The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
     the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
     n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
     """
     (q, q_dot), (forces, omega) = start, _modal_forces(beam, dt)
-    n = min(int(2 * np.pi / omega / dt) + 1, len(measured))
+    n = min(int(_CYCLES * 2 * np.pi / omega / dt) + 1, len(measured))
     # Without noise there is nothing to weigh, and nothing to divide by.
     least = 1e-9 * float(np.abs(measured).max())
     noise = np.maximum([noise_std(y) for y in measured.T], least)
@@ -91,12 +93,30 @@ def read_release(
         steps = _STEP * np.eye(len(ratios))[unknown]
         changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
         rate = np.gradient(here, dt, axis=0)
-        columns = [*changes, here, t * rate, *([rate] if unknown[-1] else [])]
+        columns = [*changes, here, t * here, t * rate, *([rate] if unknown[-1] else [])]
         matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
         found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
         ratios[unknown] += (found / scale)[: len(steps)]
     return ReleaseLoad(*_loads(forces, ratios))
+
+
+def ringing(
+    beam: Beam, start: tuple[float, float], release: ReleaseLoad, modes: int, dt: float
+) -> ReleaseLoad:
+    """A release that rings the modes up to a number a little more."""
+    forces, omega = _modal_forces(beam, dt)
+    (first, *higher), shape = forces[:modes], beam.modes(count=1).shapes[0]
+
+    def more(load: Array | None) -> Array:
+        load = first if load is None else load
+        size = float(np.vdot(load, shape) / np.vdot(first, shape))
+        return np.asarray(load + _STEP * size * sum(higher))
+
+    q, q_dot = start
+    if abs(q_dot) > omega * abs(q):
+        return release._replace(push=more(release.push))
+    return release._replace(load=more(release.load))
 
 
 def _loads(forces: Array, ratios: Array) -> Iterator[Array]:
@@ -166,13 +186,16 @@ def simulated(
     decay: Decay,
     start: tuple[float, float],
     release: ReleaseLoad,
+    fastest: float = 0.0,
 ) -> list[Array]:
     """What the sensors read of a beam: displacements, velocities, accelerations.
 
-    At the times of a record; the decay holds what was measured, as fast as it was.
+    At the times of a record; the decay holds what was measured, as fast as it was. Steps do not
+    damp modes up to the ``fastest``, rad/s.
     """
     dt = record.decay.dt
     finer = round(dt / decay.dt) if decay.derivative else 1  # displacements hardly show fast modes
+    finer = max(finer, int(np.ceil(fastest * dt / _TURN)))
     step, (q, q_dot) = dt / finer, start
     duration = float(record.t[-1]) + 0.5 * step
     motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)

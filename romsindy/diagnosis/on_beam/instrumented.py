@@ -17,6 +17,7 @@ from romsindy.beam.static_shapes import StaticCurve
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
 from romsindy.record.units import parse_unit
+from romsindy.text import Shown
 from romsindy.typing import Array
 
 UNIT = "kg^0.5 m"
@@ -57,6 +58,18 @@ class InstrumentedBeam:
     def shapes(self) -> Array:
         """Mode shapes at the sensors, (n_sensors, n_modes)."""
         return self.sensors.mode_shapes(self.basis, projected_modes(len(self.sensors.sensors)))
+
+    @property
+    def shown(self) -> Shown:
+        """How amplitudes are told: as the sensor that moves most reads them."""
+        sizes = np.abs(self.shapes[:, 0])
+        i = int(np.argmax(sizes))
+        return Shown("mm", 1e3 * float(sizes[i]), self.sensors.labels[i])
+
+    @property
+    def usual(self) -> float:
+        """Where the first mode moves most, m: there an effect is put of which no place is known."""
+        return self.basis.point(1) or self.beam.length
 
     def coordinate(self, displacements: Array) -> Array:
         """First modal coordinate of sensor displacements (..., n_sensors), kg^0.5 m."""

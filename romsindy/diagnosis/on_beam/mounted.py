@@ -182,7 +182,7 @@ def _at_rest(curve: StaticCurve, mounting: Mounting) -> Point:
 class DampingEffect(BeamEffect):
     """A change of the beam's own damping; its force is a difference of two beams.
 
-    ``change`` is one of `romsindy.beam.changes`, in one number.
+    ``change`` is one of `romsindy.beam.changes`, in one number: no less than takes away all.
     """
 
     curve: StaticCurve
@@ -191,9 +191,11 @@ class DampingEffect(BeamEffect):
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
+    least: float  # type: ignore[misc]
     tolerance: float | None = None  # type: ignore[misc]
 
     family = "damping"
+    assumed = property(lambda self: -self.least)
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
         return self.change(strength)
@@ -216,11 +218,14 @@ class DampingEffect(BeamEffect):
 
 
 def mounted_effects(
-    curve: StaticCurve, catalogue: Sequence[TermEffect] = BEAM_CATALOGUE, at: float | None = None
+    curve: StaticCurve,
+    catalogue: Sequence[TermEffect] = BEAM_CATALOGUE,
+    places: Mapping[str, float] | None = None,
 ) -> tuple[MountedEffect, ...]:
     """The effects of a catalogue that can be on this beam, each at its place.
 
-    One that may be anywhere is at ``at``, m; by default where the first mode moves most.
+    One that may be anywhere is where ``places`` say, m by name; by default where the first mode
+    moves most.
     """
     springs = springs_of(curve.beam)
     found = []
@@ -234,6 +239,6 @@ def mounted_effects(
         if where is not None:
             settled = where.settled(curve.beam)
             if isinstance(settled, AtPoint) and settled.at is None:
-                settled = replace(settled, at=curve.point if at is None else at)
+                settled = replace(settled, at=(places or {}).get(effect.name, curve.point))
             found.append(MountedEffect(effect, curve, settled))
     return tuple(found)

@@ -29,7 +29,7 @@ _LEAST = 1e-12  # an effect that must be positive, and is zero
 POSITIONS = ("sensor_positions", "anchor_x", "anchor_y")
 # Parts of the length over which an effect is looked for, at so many points: nearer to a support
 # nothing moves.
-_WITH_FREE_END, _BETWEEN, _POINTS = (0.4, 1.0), (0.2, 0.8), 7
+_WITH_FREE_END, _BETWEEN, _POINTS = (0.25, 1.0), (0.2, 0.8), 7
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
@@ -60,7 +60,8 @@ _ALIKE = (
     _Varied("width", "another width", _OF_ASSUMED, changes.Wider),
     _Varied("axial_stiffness", "another axial stiffness", _OF_ASSUMED, changes.StifferAxially),
 )
-_MASS = (_Varied("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
+PLACED_MASS = "added_mass"
+_MASS = (_Varied(PLACED_MASS, "more mass {place}", "kg", PointMass, 1e-4, 1),)
 _CLAMP = (
     _Varied(
         "clamp_compliance", "a clamp that gives way", "rad/(N m)", changes.ClampCompliance, 1e-3, 1
@@ -131,10 +132,11 @@ def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     by_mass = "other damping in proportion to mass (alpha) than assumed"
     by_stiffness = "other damping in proportion to stiffness (eta) than assumed"
     longer, second = "a longer decay from a larger amplitude", "a second mode: it damps that more"
+    alpha, eta = -curve.beam.alpha, -curve.beam.eta
     return (
-        DampingEffect(curve, changes.MassDamping, "mass_damping", by_mass, "1/s", longer),
+        DampingEffect(curve, changes.MassDamping, "mass_damping", by_mass, "1/s", longer, alpha),
         DampingEffect(
-            curve, changes.MaterialDamping, "material_damping", by_stiffness, "s", second
+            curve, changes.MaterialDamping, "material_damping", by_stiffness, "s", second, eta
         ),
     )
 
@@ -237,7 +239,7 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
 
 def _sizes(beam: Beam) -> dict[str, float]:
     """What a tolerance of 1 is of every parameter, in the unit of its effect."""
-    sizes = dict.fromkeys((p.name for p in _parameters_of(beam) if p.name != "added_mass"), 1.0)
+    sizes = dict.fromkeys((p.name for p in _parameters_of(beam) if p.name != PLACED_MASS), 1.0)
     sizes |= {"mass_damping": beam.alpha, "material_damping": beam.eta, "sensor_positions": 1.0}
     if beam.left.rotational_stiffness > 0.0:
         sizes["clamp_compliance"] = 1.0 / beam.left.rotational_stiffness

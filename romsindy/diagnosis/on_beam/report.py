@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
@@ -10,18 +11,26 @@ from typing import Any
 import numpy as np
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis import words
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
+from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, place_now
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
+from romsindy.diagnosis.on_beam.next_release import linear, next_release
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Adjusted,
+    ParameterDirection,
     adjusted,
     beam_with,
     effects_of,
     in_words,
+    on_the_beam,
 )
 from romsindy.diagnosis.structure_report import StructureReport
+from romsindy.effects.mounting import AtPoint
+from romsindy.fit.kernel.part import Part
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -34,12 +43,15 @@ class BeamReport(StructureReport):
         Sensors that were left out.
     seen : InstrumentedBeam
         The beam as it was, with the sensors that were used.
+    slack : Latitude
+        What the sensors and the higher modes may do beside what is simulated.
     place : PlaceOnBeam or None
         Where the effect acts, if it is one that can be anywhere.
     """
 
     faults: tuple[SensorFault, ...]
     seen: InstrumentedBeam
+    slack: Latitude
     place: PlaceOnBeam | None = None
 
     @property
@@ -55,13 +67,25 @@ class BeamReport(StructureReport):
     @property
     def model(self) -> Beam:
         """The beam with the effects that were found, as far as they exist on a beam."""
-        return beam_with(self.seen.beam, self.parts)
+        return beam_with(self.seen.beam, self._first)
 
     @property
     def recipe(self) -> str:
         """The lines of Python that make `model` from `beam`, the beam as it was."""
         missing = (f"# not on the beam: {label}" for label in self.not_there)
-        return "\n".join([recipe_of(effects_of(self.parts)), *missing])
+        return "\n".join([recipe_of(effects_of(self._first)), *missing])
+
+    @property
+    def _first(self) -> tuple[Part, ...]:
+        """Effects of the improved beam; of a family that which an engineer tries first."""
+        tried = () if self.trouble or self.family is None else self.family.rivals
+        there = (on_the_beam(h.parts) for h in tried if on_the_beam(h.effects))
+        return next(there, self.parts)
+
+    @property
+    def not_there(self) -> tuple[str, ...]:
+        """Effects that nothing on the beam stands for; one of a family stands for all of it."""
+        return () if self.family is not None and self._first else super().not_there
 
     @property
     def adjusted(self) -> tuple[Adjusted, ...]:
@@ -69,31 +93,54 @@ class BeamReport(StructureReport):
         return adjusted(self.reduced.best)
 
     @cached_property
-    def next_test(self) -> Advice | None:
+    def next_test(self) -> Advice | MoreOfIt | None:
         """The test that would best tell apart what these data do not; None where none is needed.
 
-        Its amplitude is that of the sensor that moves most.
+        What does the same to the first mode at any amplitude other modes tell apart: a release that
+        rings them. Amplitudes are those of the sensor that moves most.
         """
+        rivals, largest = self.reduced.rivals, max(self.reduced.records, key=lambda r: r.amplitude)
+        noise = np.array([e.noise for e in self.sensor_errors])
+        alike = all(h.effects and linear(h.effects) for h in rivals)
+        if self.verdict == "ambiguous" and len(rivals) > 1 and alike and len(noise):
+            return next_release(self.seen, rivals, largest, noise, self.slack)
         advice = self.reduced.next_test
         if advice is None:
             return None
-        shape, labels = np.abs(self.seen.shapes[:, 0]), self.seen.sensors.labels
-        largest = shape.max() * max(record.amplitude for record in self.reduced.records)
-        where = labels[int(np.argmax(shape))]
-        return replace(advice, action=advice.test.action(largest, f"m in {where}"))
+        size = self.seen.shown.told(abs(advice.test.amplitude) * largest.amplitude)
+        return replace(advice, action=advice.test.words.format(amplitude=size))
 
     @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
-        lines += self.reduced.lines(self._left)
+        lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_there:
             lines.append(f"Not on the improved beam: {', '.join(self.not_there)}.")
-        if self.place is not None and not self.trouble:
-            lines.append(f"Place: {self.place}.")
-        return "\n".join([*lines, *filter(None, [in_words(self.adjusted)])])
+        place = None if self.trouble or self.family else self.place
+        if place is not None and not (place.told or place.strengths):
+            lines.append(f"Place: {place}.")
+        moved = [e for e in self.reduced.within if e.label != ParameterDirection.label]
+        return "\n".join([*lines, *words.within(moved), *in_words(self.adjusted)])
+
+    def _placed(self, line: str) -> str:
+        """A line on what is missing with its place as closely as the data tell it."""
+        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p)]
+        if self.place is None or self.trouble or len(movable) != 1:
+            return line
+        if not line.startswith("Missing: "):
+            return line
+        usual = AtPoint(place_now(self.seen, movable[0])).place
+        if self.place.told:
+            return line.replace(usual, in_interval(self.place), 1)
+        if not self.place.strengths:
+            return line
+        there = " to ".join(f"{x:.2g}" for x in self.place.strengths)
+        unit = movable[0].effect.strength_unit(self.reduced.model.unit)
+        there = f"{self.place}, {there} {unit} there; {usual} it would be "
+        return line.replace(f"{usual}, ", there, 1)
 
     def _content(self) -> dict[str, Any]:
         return {
@@ -102,6 +149,13 @@ class BeamReport(StructureReport):
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
         }
+
+
+def in_interval(place: PlaceOnBeam) -> str:
+    """A place and its interval, to the digit in which the interval's error lies."""
+    decimals = max(-math.floor(math.log10((place.high - place.low) / 4)), 0)
+    at, low, high = (f"{x:.{decimals}f}" for x in (place.at, place.low, place.high))
+    return f"at {at} m ({low} to {high} m)"
 
 
 def recipe_of(effects: Sequence[Any]) -> str:

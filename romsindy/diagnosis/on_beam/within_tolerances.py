@@ -17,7 +17,7 @@ import numpy as np
 
 from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import FAR, Hypothesis
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
@@ -30,6 +30,7 @@ from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
+from romsindy.text import two_digits
 from romsindy.typing import Array
 
 _FELT = 0.3  # a combination that moves the readings by less, in standard deviations, is left out
@@ -50,7 +51,7 @@ class ParameterDirection(TermEffect, BeamEffect):
     felt: float
     name: str  # type: ignore[misc]
 
-    label = "parameters within their tolerances"
+    label = "parameters that are off together"
     family = "beam"
     tolerance = 1.0
     fixed_unit = "standard deviations"
@@ -109,11 +110,14 @@ class Adjusted:
 
     def __str__(self) -> str:
         way = "up" if self.alone > 0 else "down"
-        relative = self.unit.startswith("of ")
-        size = (
-            f"{100 * abs(self.alone):.2g} %" if relative else f"{abs(self.alone):.2g} {self.unit}"
-        )
-        return f"{self.name.replace('_', ' ')} {way} {size}"
+        scale, unit = (100.0, "%") if self.unit.startswith("of ") else (1.0, self.unit)
+        size, known = (f"{two_digits(scale * x)} {unit}" for x in (abs(self.alone), self.tolerance))
+        return f"{self.name.replace('_', ' ')} {way} {size} (tolerance {known})"
+
+    @property
+    def enough(self) -> bool:
+        """Whether it, alone and within its tolerance, would explain what was measured."""
+        return self.left < EQUIVALENT and abs(self.alone) <= FAR * self.tolerance
 
 
 def position_error(seen: InstrumentedBeam, deviation: float) -> PositionError:
@@ -207,22 +211,21 @@ def adjusted(found: Hypothesis) -> tuple[Adjusted, ...]:
     return tuple(Adjusted(p.name, p.fixed_unit, *map(float, values)) for p, *values in rows)
 
 
-def in_words(found: Sequence[Adjusted]) -> str:
+def in_words(found: Sequence[Adjusted]) -> list[str]:
     """One finding for what the data do not tell apart; empty where nothing moved."""
     if not found:
-        return ""
-    either = [a for a in found if a.left < EQUIVALENT]
-    either.sort(key=lambda a: abs(a.alone / a.tolerance))
+        return []
+    either = sorted((a for a in found if a.enough), key=lambda a: abs(a.alone / a.tolerance))
+    asked = f"Within the tolerances the data ask for {' or '.join(map(str, either))}"
     if len(either) == 1:
-        return f"Within the tolerances the data ask for {either[0]}."
+        return [f"{asked}."]
     if either:
-        return (
-            f"Within the tolerances the data ask for {' or '.join(map(str, either))}, and show but"
-            f" one combination of them. To separate them: {ParameterDirection.advice}."
-        )
+        shown = "and show but one combination of them"
+        return [f"{asked}, {shown}. To separate them: {ParameterDirection.advice}."]
     most = sorted(found, key=lambda a: -abs(a.change / a.tolerance))[:3]
     moved = [str(replace(a, alone=a.change)) for a in most]
-    return f"Within the tolerances several moved together: {', '.join(moved)}, most of all."
+    told = f"{', '.join(moved)}, most of all"
+    return [f"Of the values with tolerances several moved together: {told}."]
 
 
 def effects_of(parts: Sequence[Part]) -> list[Any]:

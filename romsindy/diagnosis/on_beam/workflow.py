@@ -5,131 +5,56 @@ Rounds simulate the beam, take off what it does beside its reduced model, and lo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from joblib import delayed
 
 from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import Shape
 from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.defect import FAILURES, OnBeam, ReleaseLoad, simulated
+from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
+from romsindy.diagnosis.on_beam.defect import FAILURES, OnBeam, ReleaseLoad
 from romsindy.diagnosis.on_beam.instrumented import (
     UNIT,
     InstrumentedBeam,
     checked_readings,
     coarse,
 )
+from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
+    PLACED_MASS,
     damping_effects,
     parameter_effects,
-    points,
     standard_deviations,
-)
-from romsindy.diagnosis.on_beam.place import (
-    Latitude,
-    PlaceOnBeam,
-    can_be_anywhere,
-    find_place,
-    moved_to,
-    place_now,
 )
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
-    beam_with,
     directions,
     position_error,
     position_gains,
 )
-from romsindy.diagnosis.rounds import Outcome, Rounds
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.structure import corrected
-from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
-from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
-_CYCLES = 12  # once it is calm: over these the beam is simulated with an effect at several places
 _ORDER = 7
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
-
-
-@dataclass(eq=False)
-class BeamRounds(Rounds):
-    """A beam and its reduced model beside records: also where on it an effect acts."""
-
-    structure: OnBeam
-
-    @property
-    def seen(self) -> InstrumentedBeam:
-        """The beam with its sensors."""
-        return self.structure.seen
-
-    def placed(
-        self, found: Outcome, effects_at: Callable[[float], Sequence[Effect]], slack: Latitude
-    ) -> tuple[Outcome, PlaceOnBeam | None]:
-        """Where the effect that was found acts, and what is found with it there.
-
-        Nothing is told where the same effect is not found there again.
-        """
-        movable = [p for p in found.parts if can_be_anywhere(p)]
-        if len(movable) != 1 or len(found.report.best.effects) != 1:
-            return found, None
-        (part,) = movable
-        try:
-            place = self.place_of(part, found, slack)
-            if not place.told or place.low <= place_now(self.seen, part) <= place.high:
-                return found, place
-            moved = moved_to(self.seen, part, place.at, self.records[0])
-            parts = tuple(moved if p is part else p for p in found.parts)
-            there = self.run(effects_at(place.at), self.simulate(parts), parts)
-        except FAILURES:  # elsewhere it would have to be stronger than the beam bears
-            return found, None
-        if there.trouble or there.report.best.names != found.report.best.names:
-            return found, place.untold()
-        return there, place
-
-    def place_of(self, part: Part, outcome: Outcome, slack: Latitude) -> PlaceOnBeam:
-        """Where one of the effects that were found acts; see `find_place`."""
-        others = [p for p in outcome.parts if p.effect.name != part.effect.name]
-        beams = [
-            beam_with(self.seen.beam, [*others, moved_to(self.seen, part, at, self.records[0])])
-            for at in points(self.seen.beam)
-        ]
-        rows = list(zip(self.records, self.raw, outcome.corrected, self.calm, strict=True))
-        rows = rows[: self.n_training]
-        # From when it is calm, which may be after as many cycles.
-        last = [c - r.decay.t[0] + _CYCLES * 2 * np.pi / r.rate for r, *_, c in rows]
-        early = [r.until(min(end, float(r.t[-1]))) for (r, *_), end in zip(rows, last, strict=True)]
-        tasks = [
-            delayed(simulated)(self.seen, beam, record, decay, c.start, c.release)
-            for record, (_, decay, c, _) in zip(early, rows, strict=True)
-            for beam in beams
-        ]
-        found = [x[self.records[0].derivative] for x in self.parallel(tasks)]
-        n = len(beams)
-        moved = [found[n * i :][:n] for i in range(len(rows))]
-        measured, heard = [], []
-        for record, (_, decay, _, calm) in zip(early, rows, strict=True):
-            t = record.decay.t
-            measured.append(self.seen.thinned(decay).between(t[0], t[-1]).signal)
-            heard.append(replace(record, valid=record.valid & (t >= calm)))
-        return find_place(self.seen, heard, measured, moved, slack)
 
 
 def diagnose_beam(
@@ -192,18 +117,20 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
-    found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
+    damping = near.get("mass_damping", 0.0), near.get("material_damping", 0.0)
+    slack = Latitude.of(seen, doubtful, damping, position_gains(seen, off or 0.0))
+    found, place = rounds.over_all_sensors(rounds.run(effects, before), effects_at, slack)
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
     return BeamReport(
-        reduced=found.report,
+        reduced=replace(found.report, gap=replace(found.report.gap, sensor=seen.shown)),
         parts=found.parts,
         sensor_errors=errors,
         trouble=found.trouble,
         faults=faults,
         seen=whole,
+        slack=slack,
         place=place,
     )
 
@@ -255,15 +182,17 @@ def _effects(
     curve: StaticCurve,
     shift: float,
     catalogue: Sequence[Effect],
-    at: float | None = None,
+    places: Mapping[str, float] | None = None,
 ) -> tuple[BeamEffect, ...]:
     """Effects in the form that they have on this beam; the user's own first.
 
-    Those that may be anywhere are at ``at``, m; by default where the first mode moves most.
+    Those that may be anywhere are where ``places`` say, m by name; by default where the first mode
+    moves most.
     """
     known = {e.name for e in BEAM_CATALOGUE}
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
-    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE], at)
+    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE], places)
+    at = (places or {}).get(PLACED_MASS)
     parameters = parameter_effects(seen, curve.reach, shift, at=at)
     return (*damping_effects(curve), *mounted, *parameters)
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from romsindy.diagnosis.next_test import Advice
+from romsindy.diagnosis import words
+from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.on_simulator.effects import ValueEffect
 from romsindy.diagnosis.on_simulator.seen import OnSimulator
 from romsindy.diagnosis.structure_report import StructureReport
@@ -63,18 +62,7 @@ class SimulatorReport(StructureReport):
         return {name: value for name, value in self.values.items() if name in names}
 
     @property
-    def _within(self) -> list[tuple[str, float, float, float]]:
-        """Values that moved within their tolerances: name, as assumed, as found, its error."""
-        best, found = self.reduced.best, []
-        for part, own in zip(best.parts, best.solution.slices(), strict=True):
-            effect, change = part.effect, float(part.strengths[0, 0])
-            error = float(np.sqrt(best.covariance[own.start, own.start]))
-            if isinstance(effect, ValueEffect) and effect.tolerance and abs(change) > 2 * error:
-                found.append((effect.name, effect.assumed, effect.assumed + change, error))
-        return found
-
-    @property
-    def next_test(self) -> Advice | None:
+    def next_test(self) -> Advice | MoreOfIt | None:
         """The test that would best tell apart what these data do not; None where none is needed."""
         return self.reduced.next_test
 
@@ -82,16 +70,13 @@ class SimulatorReport(StructureReport):
     def sentence(self) -> str:
         """The finding in words, what was done to the simulator last."""
         name = self.seen.simulator.name
-        lines = [*self.reduced.lines(self._left), self._asked]
+        lines = [*self.reduced.lines(self._left, self.next_test), self._asked]
         if self.trouble:
             lines.append(f"With this the simulator gave no motion: {self.trouble}.")
         added = [f"{k} = {v:.6g}" for k, v in self._changed.items()]
         if self.force is not None:
             added.append(f"the force {self.force}")
-        lines += [
-            f"Within its tolerance {name} is {value:.6g} +- {error:.2g} (assumed {assumed:.6g})."
-            for name, assumed, value, error in self._within
-        ]
+        lines += words.within(self.reduced.within)
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)
             lines.append(

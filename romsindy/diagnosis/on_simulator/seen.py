@@ -1,9 +1,9 @@
 """A user's simulator seen through the channels of the records, in one coordinate.
 
 The coordinate q is the motion of the first channel in the slow mode, whose shape at the other
-channels the simulator itself shows. A record begins anywhere in a swing: the simulator is let go
-from the turning point before, which the equation finds going backwards, and what it gives from the
-beginning of the record on is compared.
+channels the simulator itself shows. A record begins anywhere in a swing, some cycles after its
+release: the simulator is let go from a turning point before, which the equation finds going
+backwards, and what it gives from the beginning of the record on is compared.
 """
 
 from __future__ import annotations
@@ -35,24 +35,36 @@ _CYCLES = 3  # at the start of a record, which tell the state that it begins wit
 _STILL = 0.02  # the same where no other mode tells
 _TELLS = 1.02  # of what is left one way, the other: less may be noise
 _FIRST = 2.0  # cycles in which other modes tell
-_AT_REST = 1e-6  # of the largest velocity: a record that begins so begins with its release
+_AT_REST = 1e-6  # of the largest velocity: a motion that begins so turns there
 _CREEP = 3e-3  # of the largest velocity, over which friction in a simulator turns round
-_BACK = 1.5  # periods within which the turning point before a state lies
-_TIGHT = 1e-10
+_BACK = 2  # half periods more, within which so many turning points lie
+_EARLIEST = 16  # turns since a release that is looked for
+# Of the amplitude in the record: how large a release is looked for where the equation is not known
+# so far; and what runs away.
+_FARTHER, _RUNAWAY = 1.15, 2.0
+_ECHOES = 3  # times that other modes are followed from the latest to the earliest release
+_TIGHT = 1e-9
 
 
 def _other_modes(measured: Array, simulated: Array) -> float:
-    """What is left of a few cycles (n, n_sensors) by another size and time: other modes."""
-    columns = (simulated, np.gradient(simulated, axis=0), np.ones_like(simulated))
-    matrix = np.stack([x.ravel() for x in columns], axis=1)
+    """What is left of a few cycles (n, n_sensors) by another size, time, damping and frequency.
+
+    It is what other modes do.
+    """
+    columns = [simulated, np.gradient(simulated, axis=0)]
+    columns += [np.linspace(-1, 1, len(x))[:, None] * x for x in columns]
+    matrix = np.stack([x.ravel() for x in (*columns, np.ones_like(simulated))], axis=1)
     found = np.linalg.lstsq(matrix, measured.ravel())[0]
     return float(np.std(measured.ravel() - matrix @ found))
 
 
 class Beginning(NamedTuple):
-    """How a record begins: with its release or after it, and by how much more than was fitted."""
+    """How a record begins: so many turns after its release, and by how much more than was fitted.
 
-    released: bool
+    Without any turn it begins with its release.
+    """
+
+    turns: int
     size: float = 1.0
 
 
@@ -194,52 +206,139 @@ class OnSimulator:
     ) -> Moved:
         """What the sensors read from a state of the coordinate on, over a record.
 
-        Where the record may begin with its release, the other modes in its first cycles say whether
-        it does; where they say nothing, its velocity.
+        Other modes in its first cycles say how long ago it was released; where they say nothing, it
+        was at the turning point before, or where it begins if its velocity is next to none.
         """
-        given, (q, q_dot) = (equation, parts, record, start), start
-        near = abs(q_dot) < _NEAR * record.rate * abs(q)
-        if release is not None or not near:
-            known = release or Beginning(False)
-            return self._from(known._replace(released=known.released and near), *given)
-        after, begins = (self._from(Beginning(way), *given) for way in (False, True))
-        n = int(_FIRST * 2 * np.pi / record.rate / record.decay.dt)
-        at = int(np.searchsorted(decay.t, record.decay.t[0]))
-        measured = decay.signal.reshape(len(decay.t), -1)[at:][:n]
-        left = [_other_modes(measured, m.readings[record.derivative][:n]) for m in (after, begins)]
-        if max(left) < _TELLS * min(left):
-            return begins if abs(q_dot) < _STILL * record.rate * abs(q) else after
-        return begins if left[1] < left[0] else after
+        size = 1.0 if release is None else release.size
+        begins = size * start[0], size * start[1]
+        most = _EARLIEST if release is None else max(release.turns, 1)
+        past = Past.of(equation, begins, record.rate, most)
+        turns = int(past.speed > _STILL) if release is None else release.turns
+        run = self._run(past, max(turns, past.first), parts, record, float(record.t[-1]))
+        if release is None:
+            at = int(np.searchsorted(decay.t, record.decay.t[0]))
+            measured = decay.signal.reshape(len(decay.t), -1)[at:]
+            turns = self._turns(past, run, parts, record, measured)
+            if turns != run.turns:
+                run = self._run(past, turns, parts, record, float(record.t[-1]))
+        readings = [run.read(record.t, order) for order in range(3)]
+        return Moved(readings, past.start(run.turns), Beginning(run.turns, size))
 
-    def _from(
-        self,
-        way: Beginning,
-        equation: ExtendedEquation,
-        parts: Sequence[Part],
-        record: Record,
-        start: tuple[float, float],
-    ) -> Moved:
-        """The motion over a record that begins in one way."""
-        if way.released:
-            start = (float(np.copysign(np.hypot(start[0], start[1] / record.rate), start[0])), 0.0)
-        start = (way.size * start[0], way.size * start[1])
-        q, before = turning_point(equation, start, record.rate)
-        t = times(before + float(record.t[-1]), record.decay.dt, record.rate)
+    def _run(
+        self, past: Past, turns: int, parts: Sequence[Part], record: Record, end: float
+    ) -> Run:
+        """The motion from a release on, up to a time of the record (s)."""
+        if turns >= len(past.releases):
+            raise TrajectoryError(f"the motion did not turn {turns} times before the record began")
+        q, before = past.releases[turns]
+        t = times(before + end, record.decay.dt, record.rate)
         answer = self.simulated(q, t, self.force(parts), self.values_with(parts))
-        readings = [answer.at(before + record.t, order) for order in range(3)]
-        return Moved(readings, start, way)
+        return Run(turns, q, before, answer)
+
+    def _turns(
+        self, past: Past, usual: Run, parts: Sequence[Part], record: Record, measured: Array
+    ) -> int:
+        """How often a motion turned since its release, as its other modes in ``measured`` tell.
+
+        They are linear: they ring after every release alike, in proportion to it. After the
+        earliest they have died, or nearly so, and what the usual motion has beside that is theirs.
+        """
+        order, cycle = record.derivative, 2 * np.pi / record.rate
+        first = record.t[: int(_FIRST * cycle / record.decay.dt)]
+        measured, room = measured[: len(first)], float(record.t[-1] - first[-1])
+        largest = max(_FARTHER * abs(past.releases[0][0]), *(abs(a) for _, a in self.released))
+        longest = usual.before + room
+        known = [k for k in past.turns if k == usual.turns or past.within(k, largest, longest)]
+        apart = past.releases[known[-1]][1] - usual.before
+        if apart <= 0:
+            return usual.turns
+        echoes = int(min(room // apart, _ECHOES))
+        earliest = self._run(past, known[-1], parts, record, float(first[-1]) + echoes * apart)
+
+        def ringing(turns: int) -> Array:
+            """Of the other modes in the first cycles after so many turns, (n, n_sensors)."""
+            q, since = past.releases[turns]
+            rung = np.zeros_like(measured)
+            for k in range(echoes):  # what they still did after the earliest release
+                t = first + since - usual.before + k * apart
+                beside = usual.read(t, order) - earliest.read(t, order)
+                rung += (earliest.q / usual.q) ** k * beside
+            return q / usual.q * rung
+
+        slow = usual.read(first, order) - ringing(usual.turns)
+        left = {k: _other_modes(measured, slow + ringing(k)) for k in known}
+        best = min(known, key=lambda k: left[k])
+        return best if left[best] * _TELLS < left[usual.turns] else usual.turns
 
 
-def turning_point(
-    equation: ExtendedEquation, start: tuple[float, float], rate: float
-) -> tuple[float, float]:
-    """Where a motion turned before it came to a state: the coordinate there, and the time since.
+class Run(NamedTuple):
+    """A simulated motion that turned so often since its release, ``before`` (s) a record."""
 
-    Raises a TrajectoryError if it never did.
+    turns: int
+    q: float  # at the release
+    before: float
+    answer: SimulatedDecay
+
+    def read(self, t: Array, order: int) -> Array:
+        """Displacements or their derivatives at times of the record, (m, n_sensors)."""
+        return self.answer.at(self.before + t, order)
+
+
+class Past(NamedTuple):
+    """How a motion came to a state: releases from which it may have come.
+
+    ``releases`` are coordinates and how long ago they were (s): at the state itself, if it is near
+    a turning point, and at the turning points before it, the latest first.
+    """
+
+    state: tuple[float, float]
+    speed: float  # the part of velocity in the state
+    releases: Sequence[tuple[float, float]]
+
+    @classmethod
+    def of(
+        cls, equation: ExtendedEquation, state: tuple[float, float], rate: float, most: int
+    ) -> Past:
+        """Of a state of the equation, at ``most`` so many turns ago.
+
+        Raises a TrajectoryError if it never turned.
+        """
+        q, q_dot = state
+        speed = abs(q_dot) / max(rate * abs(q), 1e-300)
+        here = float(np.copysign(np.hypot(q, q_dot / rate), q)), 0.0
+        return cls(state, speed, [here, *turning_points(equation, state, rate, most)])
+
+    @property
+    def first(self) -> int:
+        """Turns since the latest release that can be."""
+        return int(self.speed >= _NEAR)
+
+    @property
+    def turns(self) -> range:
+        """Turns since each release that can be."""
+        return range(self.first, len(self.releases))
+
+    def within(self, turns: int, largest: float, longest: float) -> bool:
+        """Whether a release was from no more, and is no longer ago, s."""
+        q, before = self.releases[turns]
+        return abs(q) <= largest and before < longest
+
+    def start(self, turns: int) -> tuple[float, float]:
+        """The state with which the record begins."""
+        return self.state if turns else self.releases[0]
+
+
+def turning_points(
+    equation: ExtendedEquation, start: tuple[float, float], rate: float, most: int = 1
+) -> list[tuple[float, float]]:
+    """Where a motion turned before it came to a state, the latest first: coordinate, time since.
+
+    They are at ``most`` so many, and it is not followed where it runs away.
+
+    Raises a TrajectoryError if it never turned.
     """
     q, q_dot = start
-    if abs(q_dot) <= _AT_REST * rate * abs(q):
-        return q, 0.0
+    size = float(np.hypot(q, q_dot / rate))
 
     def backwards(t: float, state: Array) -> list[float]:
         at, now = np.array([-t]), state[:, None, None]
@@ -249,11 +348,16 @@ def turning_point(
     def turns(t: float, state: Array) -> float:
         return float(state[1])
 
-    turns.terminal = True  # type: ignore[attr-defined]
-    amplitude = np.hypot(q, q_dot / rate)
-    span = (0.0, _BACK * 2 * np.pi / rate)
-    limits = _TIGHT * amplitude * np.array([1.0, rate])
-    done = solve_ivp(backwards, span, start, events=turns, rtol=_TIGHT, atol=limits)
-    if not len(done.t_events[0]):
+    def beyond(t: float, state: Array) -> float:
+        return float(abs(state[0]) - _RUNAWAY * size)
+
+    beyond.terminal = True  # type: ignore[attr-defined]
+    span = (0.0, (most + _BACK) * np.pi / rate)
+    limits = _TIGHT * size * np.array([1.0, rate])
+    events = [turns, beyond]
+    done = solve_ivp(backwards, span, start, "DOP853", events=events, rtol=_TIGHT, atol=limits)
+    rows = zip(done.y_events[0], done.t_events[0], strict=True)
+    found = [(float(y[0]), float(t)) for y, t in rows if t > _AT_REST / rate]
+    if not found:
         raise TrajectoryError("the motion did not turn within a cycle before the record began")
-    return float(done.y_events[0][0][0]), float(done.t_events[0][0])
+    return found[:most]

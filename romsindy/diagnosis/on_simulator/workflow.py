@@ -4,35 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
-from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
-from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.rounds import Outcome, Rounds
+from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
-from romsindy.diagnosis.structure import Corrected, key_of
-from romsindy.diagnosis.structure_report import sensor_errors
+from romsindy.diagnosis.structure import sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
-from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Coefficient, Part, Solution, moved_parts
+from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.records.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
-from romsindy.record.decay import SIGNALS, Decay
-from romsindy.record.spectrum import noise_std
+from romsindy.record.decay import Decay
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
 from romsindy.typing import Array
@@ -47,8 +41,6 @@ _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
-_CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
-_LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 
 
@@ -99,7 +91,7 @@ def diagnose_simulator(
             f"the equation of simulator {simulator.name} has no motion near the records ({error}):"
             " compare its frequency with theirs, and check units"
         ) from error
-    found = rounds.run((), before)
+    found = rounds.over_all_sensors(rounds.run((), before))
     report = SimulatorReport(
         reduced=rounds.with_values_of_simulator(found.report, found.parts),
         parts=found.parts,
@@ -169,193 +161,6 @@ def _first(decay: Decay) -> Record:
             " first that moves more, for a release is its displacement; and in the simulator, too"
         )
     return Record.loud(Decay(decay.t, x[:, 0], unit=decay.unit), 0.0)
-
-
-@dataclass(eq=False)
-class SimulatorRounds(Rounds):
-    """A simulator and its equation beside records.
-
-    The equation follows what the simulator does with its own values of what was added: a strong
-    effect bends the structure otherwise than its slow mode, and the equation needs another one for
-    the same motion. What is measured is compared with that, and the simulator is changed by the
-    difference (indirect inference, [1]).
-
-    [1] C. Gourieroux, A. Monfort, E. Renault, Indirect inference, J. Appl. Econometrics 8 (1993).
-    """
-
-    own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
-
-    def simulate(self, parts: Sequence[Part], *, begun: bool = False) -> list[Corrected]:
-        """Simulate with what was found, and let the equation follow.
-
-        How records begin is looked at anew, unless that is known by now.
-        """
-        if not begun:
-            self.releases = [None] * len(self.records)
-        found = super().simulate(parts)
-        seen = [
-            _as_measured(r, self.structure.coordinate(c.readings))
-            for r, c in zip(self.records, found, strict=True)
-        ]
-        followed = fit(self.model, parts, seen, iterations=30)
-        if not followed.finite:
-            raise TrajectoryError("no motion of its equation follows it")
-        self.own = followed.parts
-        left = followed.residuals
-        return [
-            c._replace(decay=_with_signal(c.decay, r.signal - beside))
-            for r, c, beside in zip(self.records, found, left, strict=True)
-        ]
-
-    def with_values_of_simulator(
-        self, report: DiagnosisReport, parts: Sequence[Part]
-    ) -> DiagnosisReport:
-        """The same with the values that its best has in the simulator."""
-        found = {key_of(p): p.values for p in report.best.parts}
-        more = {key_of(p): p.values - found[key_of(p)] for p in parts if key_of(p) in found}
-        best = replace(report.best, weighed=InSimulator(report.best.weighed, more))
-        rivals = tuple(best if h is report.best else h for h in report.rivals)
-        return replace(report, best=best, rivals=rivals) if more else report
-
-    def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
-        return self.own
-
-    def run(
-        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
-    ) -> Outcome:
-        """As every structure; then the simulator itself comes as near to the records as it can."""
-        best = super().run(effects, before, parts)
-        for _ in range(_POLISHED):
-            if best.trouble or not best.parts or self.own_error(best.corrected) <= _CLOSE:
-                break
-            self.options.progress(f"{self.structure.what} nearer to the records")
-            try:
-                changed = self._nearer(best)
-                found = self.simulate(changed, begun=True)
-            except self.structure.failures:  # what was found stands, and so does its error
-                break
-            report = self._look(effects, found, len(best.report.best.effects))
-            nearer = self.own_error(found) < self.own_error(best.corrected)
-            if not nearer or report.best.names != best.report.best.names:
-                break
-            best = Outcome(report, changed, found)
-        return best
-
-    def own_error(self, found: Sequence[Corrected]) -> float:
-        """Rms of measured minus simulated over the noise, at the worst sensor of all records."""
-        rows = zip(found, self.raw, strict=True)
-        names = [""] * len(self.structure.shape)
-        errors = [
-            sensor_errors(names, raw.between(c.decay.t[0], c.decay.t[-1]), (c, c))
-            for c, raw in rows
-        ]
-        return max(e.after for several in errors for e in several)
-
-    def _nearer(self, best: Outcome) -> tuple[Part, ...]:
-        """What is in the simulator, changed by one step of least squares on its own readings.
-
-        Beside it each record may begin a little larger, or later.
-        """
-        values = np.concatenate([p.values for p in best.parts])
-        steps = _STEP * np.where(values == 0, 1.0, np.abs(values))
-        rows = [self._linear(i, c, best.parts, steps) for i, c in enumerate(best.corrected)]
-        change = np.zeros(len(steps))
-        learnt = rows[: self.n_training]
-        for own in (learnt, rows):  # what took no part says how it begins alone
-            left = [r.left - r.by_value @ change for r in own]
-            blocks = block_diag(*(r.by_start for r in own))
-            free = own is learnt
-            matrix = (
-                np.hstack([np.concatenate([r.by_value for r in own]), blocks]) if free else blocks
-            )
-            # A value that is held, or at its limit, moves nothing: it stays.
-            size = np.linalg.norm(matrix, axis=0)
-            scale = np.where(size > 0, size, 1.0)
-            found = np.linalg.lstsq(matrix / scale, np.concatenate(left))[0] / scale
-            change = found[: len(steps)] if free else change
-        for i, c in enumerate(best.corrected):
-            size = c.release.size * (1 + found[2 * i])
-            self.releases[i] = c.release._replace(size=float(size))
-        return moved_parts(best.parts, change)
-
-    def _linear(
-        self, i: int, c: Corrected, parts: tuple[Part, ...], steps: Array
-    ) -> LinearReadings:
-        """What readings of a record follow, by simulations with small changes."""
-        record, raw = self.records[i], self.raw[i]
-        own = raw.between(c.decay.t[0], c.decay.t[-1])
-        measured = own.signal.reshape(len(own.t), -1)
-        noise = np.array([noise_std(y) for y in measured.T])
-
-        def change(there: tuple[Part, ...], release: Beginning, step: float) -> Array:
-            equation = equation_of(self.model, there, i, record)
-            start = tuple(x / c.release.size for x in c.start)
-            moved = self.structure.moved(equation, there, record, raw, start, release)
-            return ((moved.readings[record.derivative] - c.readings) / step / noise).ravel()
-
-        by_value = [
-            change(moved_parts(parts, step * one), c.release, step)
-            for step, one in zip(steps, np.eye(len(steps)), strict=True)
-        ]
-        larger = c.release._replace(size=c.release.size * (1 + _LARGER))
-        later = np.gradient(c.readings, record.decay.dt, axis=0) / noise
-        by_start = [change(parts, larger, _LARGER), later.ravel()]
-        left = ((measured - c.readings) / noise).ravel()
-        return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
-
-    def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
-        """What was found, less what the equation needs for what is in the simulator."""
-        there = {key_of(p): p for p in parts}
-        own = {key_of(p): p for p in self.own}
-        return tuple(
-            there[key].moved(p.values - own[key].values) if (key := key_of(p)) in there else p
-            for p in self.structure.with_effects(found)
-        )
-
-
-class LinearReadings(NamedTuple):
-    """What is left of a record, (m,) over the noise, and what it follows, (m, k) each.
-
-    Values of the simulator; the size and the time with which the record begins.
-    """
-
-    left: Array
-    by_value: Array
-    by_start: Array
-
-
-@dataclass(frozen=True)
-class InSimulator:
-    """What a fit says of the values in a simulator: those in its equation, and by how much more."""
-
-    weighed: Any  # what it says of those in the equation, a `Weighing`
-    more: Mapping[tuple[str, str], Array]
-
-    @property
-    def needed(self) -> Any:
-        return self.weighed.needed
-
-    def excess(self, noise: Any) -> float:
-        return float(self.weighed.excess(noise))
-
-    def solved(self, solution: Solution, noise: Any) -> Any:
-        found = self.weighed.solved(solution, noise)
-        there = [
-            p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
-        ]
-        return found._replace(parts=tuple(there))
-
-
-def _with_signal(decay: Decay, signal: Array) -> Decay:
-    """The same with another signal (n,) in the place of what its sensor gave."""
-    given: dict[str, Any] = {SIGNALS[decay.derivative]: signal}
-    return replace(decay, **given)
-
-
-def _as_measured(record: Record, simulated: Array) -> Record:
-    """A record of a simulated signal (n,), with the noise of a measured one: as much is learnt."""
-    own = Record.of(_with_signal(record.decay, simulated), 1e-4)
-    return replace(own, noise=record.noise, doubts=record.doubts, first=record.first)
 
 
 # -- releases --------------------------------------------------------------------------------------

@@ -104,9 +104,10 @@ class Part:
     def limits(self) -> tuple[Array, Array]:
         """Least and largest of all values."""
         signed = self.effect.sign * self.shared if self.effect.n_shared else self.effect.sign
-        least = np.where(signed, 0.0, np.full(self.strengths.shape, -self.most)).ravel()
-        low = np.array([*least, *(p.low for p in self.parameters)])
-        high = np.array([*np.full(len(least), self.most), *(p.high for p in self.parameters)])
+        least = np.full(self.strengths.shape, max(-self.most, self.effect.least))
+        strengths = np.where(signed, 0.0, least).ravel()
+        low = np.array([*strengths, *(p.low for p in self.parameters)])
+        high = np.array([*np.full(len(strengths), self.most), *(p.high for p in self.parameters)])
         return low, high
 
     def by_value(self, of: str, arguments: tuple, record: int) -> Array:

@@ -1,0 +1,233 @@
+"""What all sensors say of explanations, beside the first mode.
+
+Along the curve of the first mode many effects do the same work: a damper anywhere, or in the
+material. The first coordinate tells what acts, and not where. Higher modes are moved by phi_m(a)
+times a force at a, and are damped and detuned in proportions of their own; a release rings them.
+The beam is simulated with each explanation, as strong as the first coordinate asks for, and with an
+effect that can be anywhere at some points a: between them the readings are splines over a. Gains of
+the sensors, and small errors of the higher modes, are marginalised; what is left is a likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from romsindy.diagnosis.all_sensors import (
+    FirstMode,
+    Readings,
+    by_gains,
+    noise_of,
+    with_errors,
+    without,
+)
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.fit.verdict import PLACE_RISE
+from romsindy.typing import Array
+
+_FINE = 51  # places between two points
+_ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
+
+
+class SimulatedReadings(NamedTuple):
+    """What the sensors read of a simulated beam, (n, n_sensors) each."""
+
+    readings: Array
+    ring: Array  # what more of the higher modes in its release does to them
+
+
+@dataclass(frozen=True, eq=False)
+class TriedOnBeam:
+    """An explanation that a beam was simulated with, at one point or at several.
+
+    Attributes
+    ----------
+    names : frozenset of str
+        What it says.
+    at : (n_points,) array or None
+        Points of the one effect that can be anywhere, m.
+    left : (m, n_points) array
+        What it leaves of the sensors over the noise, at each of the points: see `left_of`.
+    """
+
+    names: frozenset[str]
+    at: Array | None
+    left: Array
+
+    @property
+    def points(self) -> Array:
+        """Points of an effect that can be anywhere."""
+        return np.zeros(0) if self.at is None else self.at
+
+    def joined(self, more: TriedOnBeam) -> TriedOnBeam:
+        """The same with further points."""
+        at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
+        order = np.argsort(at)
+        return TriedOnBeam(self.names, at[order], left[:, order])
+
+
+class Heard(NamedTuple):
+    """What all sensors say of an explanation.
+
+    ``misfit`` is minus twice the logarithm of its likelihood, places integrated over; ``place`` is
+    that of an effect that can be anywhere.
+    """
+
+    misfit: float
+    place: PlaceOnBeam | None
+
+
+def weigh(
+    tried: Sequence[TriedOnBeam], read: Sequence[Readings], seen: InstrumentedBeam
+) -> list[Heard]:
+    """What all sensors say of some explanations, by what they ``read``.
+
+    Where none of them leaves noise alone, what the best leaves counts as noise. An effect that can
+    be anywhere is as likely where the first mode moves most as at all other points together.
+    """
+    profiles = [_profile(t) for t in tried]
+    noise = noise_of(min(float(x.min()) for _, x in profiles), read)
+    return [_heard(fine, x / noise, seen) for fine, x in profiles]
+
+
+def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
+    """Points of a fine grid, and chi-square there, of an explanation."""
+    if tried.at is None:
+        return None, np.sum(tried.left**2, axis=0)
+    fine = np.unique(np.concatenate([np.linspace(a, b, _FINE) for a, b in pairwise(tried.at)]))
+    weights = CubicSpline(tried.at, np.eye(len(tried.at)))(fine)
+    return fine, np.einsum("ij,jk,ik->i", weights, tried.left.T @ tried.left, weights)
+
+
+def _heard(fine: Array | None, chi_squared: Array, seen: InstrumentedBeam) -> Heard:
+    least = float(chi_squared.min())
+    if fine is None:
+        return Heard(least, None)
+    likelihood = np.exp(-0.5 * (chi_squared - least))
+    there = np.interp(seen.usual, fine, likelihood, left=0.0, right=0.0)
+    anywhere = np.trapezoid(likelihood, fine) / seen.beam.length
+    inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
+    place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), seen.beam.length)
+    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place)
+
+
+def left_of(
+    seen: InstrumentedBeam,
+    read: Sequence[Readings],
+    motions: Sequence[SimulatedReadings],
+    slack: Latitude,
+) -> Array:
+    """What motions leave of the sensors beside the first mode, over the noise, and of the slack.
+
+    How much the higher modes are off is fitted, for their phase may run away by radians.
+    """
+    heard = [HigherModes.of(seen, *pair) for pair in zip(read, motions, strict=True)]
+    n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
+    off, more = np.zeros(2 * n_higher), [np.zeros(n_higher, complex)] * len(read)
+    for _ in range(_ITERATIONS):
+        rows = [h.columns(off, c) for h, c in zip(heard, more, strict=True)]
+        given = np.append(np.zeros(n_sensors), off)
+        y = np.concatenate([*(r.left for r in rows), -given / slack.spreads])
+        x = np.concatenate([*(r.own for r in rows), np.diag(1 / slack.spreads)])
+        step = np.linalg.lstsq(x, y)[0]
+        more = [c + r.ringing(step) for r, c in zip(rows, more, strict=True)]
+        turn = step[n_sensors:] * heard[0].reach
+        off = off + step[n_sensors:] / max(float(np.abs(turn).max(initial=0.0)), 1.0)
+        if np.abs(turn).max(initial=0.0) < _SETTLED:
+            break
+    return np.asarray(y - x @ step)
+
+
+class Columns(NamedTuple):
+    """What is left of a record over the noise, and what it follows: by slack, by the release."""
+
+    left: Array  # (m,)
+    own: Array  # (m, n_slack)
+    free: Array  # (m, 2 n_higher): in phase with more of a mode, and a quarter of a cycle before
+    all_left: Array  # (m,), with what the release may be
+    all_own: Array
+
+    def ringing(self, step: Array) -> Array:
+        """How much more of every higher mode the release had, (n_higher,), complex."""
+        found = np.linalg.lstsq(self.free, self.all_left - self.all_own @ step)[0]
+        return np.asarray(found[::2] + 1j * found[1::2])
+
+
+@dataclass(frozen=True, eq=False)
+class HigherModes:
+    """A motion in a record: its first mode with what follows that, and every higher mode.
+
+    ``rung`` and ``more`` are the higher modes of the motion and of what more of them in the release
+    does, as rotating complex amplitudes (n, n_higher).
+    """
+
+    seen: InstrumentedBeam
+    read: Readings
+    motion: SimulatedReadings
+    first: FirstMode
+    rung: Array
+    more: Array
+    # (n, n_sensors): what more of the second mode does beside its shape, as where it shortens the
+    # beam together with the first
+    bent: Array
+
+    @classmethod
+    def of(cls, seen: InstrumentedBeam, read: Readings, motion: SimulatedReadings) -> HigherModes:
+        """Part a motion."""
+        project, t = np.linalg.pinv(seen.shapes).T[:, 1:], read.t
+        first = FirstMode.of(seen.coordinate(motion.readings), motion.readings, t)
+        beside = motion.readings - first.readings
+        rung, more = (_rotating(x @ project, t) for x in (beside, motion.ring))
+        bent = motion.ring - more.real @ seen.shapes[:, 1:].T
+        return cls(seen, read, motion, first, rung, more, bent)
+
+    @property
+    def omega(self) -> Array:
+        """Of the higher modes, rad/s."""
+        return self.seen.basis.omega[1 : self.seen.shapes.shape[1]]
+
+    @property
+    def reach(self) -> Array:
+        """Radians, or logarithms of a ratio, that a unit of each error makes in the record."""
+        end = float(self.read.t[-1])
+        return np.stack([self.omega * end, np.full(len(self.omega), end)], axis=1).ravel()
+
+    def columns(self, off: Array, more: Array) -> Columns:
+        """What is left where modes are off, (2 n_higher,), and rang ``more`` than was thought.
+
+        What the release may be is taken off; errors of the phase and the size of the first mode
+        count as noise.
+        """
+        t, shapes = self.read.t, self.seen.shapes[:, 1:].T
+        turn = np.exp(t[:, None] * (1j * self.omega * off[::2] - off[1::2]))
+        rung, ring = self.rung * turn, self.more * turn
+        whole = rung + more * ring
+        moved = self.motion.readings + (rung - self.rung).real @ shapes
+        first = self.first.errors(t, self.seen.basis.omega[0])
+        free, own = [], by_gains(moved)
+        for k, shape in enumerate(shapes):
+            by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
+            own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]
+            free += [np.outer(x, shape) for x in (ring[:, k].real, -ring[:, k].imag)]
+        free = [free[0] + self.bent, *free[1:]] if free else []
+        shape = self.seen.shapes[:, 0]
+        table = self.read.over_noise([self.read.measured - moved, *own, *free], shape)
+        table = with_errors(table, self.read.over_noise(first, shape))
+        n, release = 1 + len(own), table[:, 1 + len(own) :]
+        known = without(table[:, :n], release)
+        return Columns(known[:, 0], known[:, 1:], release, table[:, 0], table[:, 1:n])
+
+
+def _rotating(x: Array, t: Array) -> Array:
+    """HigherModes modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
+    turned = np.gradient(x, t, axis=0)
+    # Differences of few samples a cycle are too small, in the right phase.
+    size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)
+    return np.asarray(x - 1j * turned * size)

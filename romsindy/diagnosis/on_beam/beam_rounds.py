@@ -1,0 +1,301 @@
+"""Rounds of a diagnosis on a beam: all its sensors, and the modes that ring, are heard as well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from joblib import delayed
+
+from romsindy.beam.beam import Beam
+from romsindy.diagnosis.all_sensors import Readings, followed
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.on_beam.all_sensors import (
+    Heard,
+    SimulatedReadings,
+    TriedOnBeam,
+    left_of,
+    weigh,
+)
+from romsindy.diagnosis.on_beam.anywhere import (
+    can_be_anywhere,
+    moved_to,
+    place_now,
+    with_error_of_place,
+)
+from romsindy.diagnosis.on_beam.defect import (
+    FAILURES,
+    OnBeam,
+    ReleaseLoad,
+    read_release,
+    ringing,
+    simulated,
+)
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.latitude import Latitude
+from romsindy.diagnosis.on_beam.parameters import points
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.on_beam.within_tolerances import beam_with
+from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
+from romsindy.effects.base import Effect
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+_LISTENED = 3  # times, each with the best so far on the beam
+_MOST = 8  # explanations that are simulated
+_FINER = 3  # times that points are added about the place of an effect
+_ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
+
+
+class _Begun(NamedTuple):
+    """How a record begins: coordinate and its rate, the release, one that rings modes more.
+
+    ``ring`` is what more of the modes does, once it is known for an effect nearby.
+    """
+
+    state: tuple[float, float]
+    release: ReleaseLoad
+    more: ReleaseLoad
+    ring: Array | None = None
+
+
+@dataclass(eq=False)
+class BeamRounds(Rounds):
+    """A beam and its reduced model beside records: also where on it an effect acts."""
+
+    structure: OnBeam
+    given: list[ReleaseLoad | None] = field(init=False)  # of the releases, those that are known
+    told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.given = list(self.releases)
+
+    @property
+    def seen(self) -> InstrumentedBeam:
+        """The beam with its sensors."""
+        return self.structure.seen
+
+    def over_all_sensors(
+        self,
+        found: Outcome,
+        effects_at: Callable[[Mapping[str, float]], Sequence[Effect]],
+        slack: Latitude,
+    ) -> tuple[Outcome, PlaceOnBeam | None]:
+        """What is found once all sensors, and the modes that ring, have their say; where it acts.
+
+        The beam is simulated with the likeliest effect where it acts, and looked at again, until
+        that is what is found. Nothing is told of a place where it is not.
+        """
+        agreed = False
+        for _ in range(_LISTENED):
+            report = found.report
+            if found.trouble or report.verdict == "none" or not report.best.effects:
+                return found, None
+            asked = self.near(report, _MOST) or [report.best]
+            heard = self.heard(asked, slack)
+            best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
+            place = heard[names_of(best)].place if names_of(best) in heard else None
+            parts, moved = self._placed(best, place)
+            try:
+                if best.names == report.best.names and not moved:
+                    again = self.run(effects_at(self.places), found.corrected, found.parts)
+                else:
+                    self.releases = list(self.given)
+                    again = self.run(effects_at(self.places), self.simulate(parts), parts)
+            except FAILURES:  # there it would have to be stronger than the beam bears
+                return found, None
+            if again.trouble:
+                break
+            found, agreed = again, again.report.best.names == best.names
+            # A release is read with what acts: where that is elsewhere, it was another.
+            if agreed and moved < _ELSEWHERE * self.seen.beam.length:
+                break
+        if agreed:
+            return self._with_error(found, place)
+        return found, None if place is None else place.untold()
+
+    @property
+    def places(self) -> dict[str, float]:
+        """Where effects act, by name, m."""
+        return {name: place.at for name, place in self.told.items()}
+
+    def _with_error(
+        self, found: Outcome, place: PlaceOnBeam | None
+    ) -> tuple[Outcome, PlaceOnBeam | None]:
+        """The same with the error of its place in its strength."""
+        if place is None:
+            return found, None
+        report = found.report
+        best, place = with_error_of_place(self.seen, report.best, place, self.records[0])
+        rivals = tuple(best if h is report.best else h for h in report.rivals)
+        return found._replace(report=replace(report, best=best, rivals=rivals)), place
+
+    def _placed(
+        self, best: Hypothesis, place: PlaceOnBeam | None
+    ) -> tuple[tuple[Part, ...], float]:
+        """An explanation on the beam, where all sensors have its effect; how far that is, m."""
+        parts = self.structure.with_effects(best.parts)
+        movable = [p for p in parts if can_be_anywhere(p)]
+        if place is None:
+            return parts, 0.0
+        (part,) = movable
+        now, usual = place_now(self.seen, part), self.seen.usual
+        at = next((x for x in (usual, now) if place.holds(x)), place.at)
+        if at == now:
+            return parts, 0.0
+        self.told[part.effect.name] = replace(place, at=at)
+        moved = moved_to(self.seen, part, at, self.records[0])
+        return tuple(moved if p is part else p for p in parts), abs(at - now)
+
+    def heard(self, asked: Sequence[Hypothesis], slack: Latitude) -> dict[Names, Heard]:
+        """What all sensors say of explanations, and of none."""
+        rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
+        read = [self._read(*row) for row in rows]
+        found: list[TriedOnBeam | None] = [self._without(read, slack)]
+        for h in asked:
+            self.options.progress(f"all sensors beside {' + '.join(h.names)}")
+            found.append(self._tried(h, read, slack))
+        tried = [t for t in found if t is not None]
+        weighed = self._weighed(tried, read)
+        return dict(zip((t.names for t in tried), weighed, strict=True))
+
+    def _read(self, record: Record, raw: Decay, calm: float) -> Readings:
+        t = record.decay.t
+        own = self.seen.thinned(raw).between(t[0], t[-1])
+        return Readings.of(record, own, calm, self.options.floor)
+
+    def _tried(
+        self, h: Hypothesis, read: Sequence[Readings], slack: Latitude
+    ) -> TriedOnBeam | None:
+        """The beam with an explanation, at several points if it can be anywhere.
+
+        None where it would have to be stronger than the beam bears.
+        """
+        parts = self.structure.with_effects(h.parts)
+        movable = [p for p in parts if can_be_anywhere(p)]
+        try:
+            starts = [self._start(i, parts) for i in range(len(read))]
+            if len(movable) != 1:
+                ((left, _),) = self._left([(parts, starts)], read, slack)
+                return TriedOnBeam(names_of(h), None, left[:, None])
+            places = points(self.seen.beam)
+            told = self.told.get(movable[0].effect.name)
+            if told is not None:
+                places = told.about(places)
+            tried, rings = self._at(places, h, starts, read, slack)
+            for _ in range(_FINER):  # what turns fast from point to point is no spline between
+                (place,) = (heard.place for heard in self._weighed([tried], read))
+                if place is None or not (finer := place.between(tried.points)):
+                    break
+                near = rings[int(np.argmin(np.abs(np.subtract(places, place.at))))]
+                begun = [s._replace(ring=r) for s, r in zip(starts, near, strict=True)]
+                tried = tried.joined(self._at(finer, h, begun, read, slack)[0])
+        except FAILURES:
+            return None
+        return tried
+
+    def _at(
+        self,
+        places: Sequence[float],
+        h: Hypothesis,
+        starts: Sequence[_Begun],
+        read: Sequence[Readings],
+        slack: Latitude,
+    ) -> tuple[TriedOnBeam, list[list[Array]]]:
+        """The beam with an effect that can be anywhere, at some points; what rings at each."""
+        parts = self.structure.with_effects(h.parts)
+        (part,) = (p for p in parts if can_be_anywhere(p))
+        moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
+        several = [tuple(m if p is part else p for p in parts) for m in moved]
+        # The coordinate begins otherwise with the same effect elsewhere, the release is the same.
+        begun = [
+            [s._replace(state=self._state(i, there)) for i, s in enumerate(starts)]
+            for there in several
+        ]
+        heard = self._left(list(zip(several, begun, strict=True)), read, slack)
+        left = np.stack([x for x, _ in heard], axis=1)
+        return TriedOnBeam(names_of(h), np.array(places), left), [rings for _, rings in heard]
+
+    def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
+        """Coordinate and its rate at the start of a record."""
+        return self.structure.start(self.model, parts, self.smooth[i])
+
+    def _left(
+        self,
+        several: Sequence[tuple[Sequence[Part], Sequence[_Begun]]],
+        read: Sequence[Readings],
+        slack: Latitude,
+    ) -> list[tuple[Array, list[Array]]]:
+        """What beams with some parts, that begin each record somehow, leave: see `_left`."""
+        early = [self._early(i, own) for i, own in enumerate(read)]
+        given = (early, read, slack)
+        tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
+        return list(self.parallel(tasks))
+
+    def _weighed(self, tried: Sequence[TriedOnBeam], read: Sequence[Readings]) -> list[Heard]:
+        return weigh(tried, read, self.seen)
+
+    def _start(
+        self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None
+    ) -> _Begun:
+        """How a record begins with some parts."""
+        beam = beam_with(self.seen.beam, parts)
+        start = self._state(i, parts) if start is None else start
+        own = self.raw[i].between(self.records[i].decay.t[0])
+        release = self.given[i]
+        if release is None:
+            release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
+        modes = self.seen.shapes.shape[1]
+        return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
+
+    def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
+        return self.records[i].until(float(read.t[-1])), self.raw[i]
+
+    def _without(self, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
+        """The beam as it is, along the first mode as that was measured."""
+        motions = []
+        for i, own in enumerate(read):
+            smooth = self.smooth[i]
+            q, q_dot = smooth.motion.start
+            begin = self._start(i, (), (float(q), float(q_dot)))
+            motion = _motion(self.seen, self.seen.beam, *self._early(i, own), begin)
+            measured = smooth.spline(smooth.t[: len(own.t)])[0]
+            q = self.seen.coordinate(motion.readings)
+            same = followed(motion.readings, q, measured, own.t)
+            motions.append(motion._replace(readings=same))
+        return TriedOnBeam(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
+
+
+def _left(
+    seen: InstrumentedBeam,
+    parts: Sequence[Part],
+    starts: Sequence[_Begun],
+    early: Sequence[tuple[Record, Decay]],
+    read: Sequence[Readings],
+    slack: Latitude,
+) -> tuple[Array, list[Array]]:
+    """What a beam with some parts leaves of all sensors (m,), and what rings in each record."""
+    beam = beam_with(seen.beam, parts)
+    pairs = zip(early, starts, strict=True)
+    motions = [_motion(seen, beam, *own, start) for own, start in pairs]
+    return left_of(seen, read, motions, slack), [m.ring for m in motions]
+
+
+def _motion(
+    seen: InstrumentedBeam, beam: Beam, record: Record, decay: Decay, start: _Begun
+) -> SimulatedReadings:
+    """What sensors read of a beam."""
+    fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
+
+    def readings(release: ReleaseLoad) -> Array:
+        found = simulated(seen, beam, record, decay, start.state, release, fastest)
+        return found[record.derivative]
+
+    usual = readings(start.release)
+    ring = readings(start.more) - usual if start.ring is None else start.ring
+    return SimulatedReadings(usual, ring)

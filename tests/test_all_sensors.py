@@ -1,0 +1,197 @@
+"""What all sensors say beside the first mode: closed forms, and linear algebra written out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import eigvals
+
+import romsindy as rs
+from romsindy.beam import Beam, Section
+from romsindy.beam.motion import Sensor
+from romsindy.diagnosis.all_sensors import Readings, along, followed, with_errors, without
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.on_beam import InstrumentedBeam
+from romsindy.diagnosis.on_beam.all_sensors import (
+    SimulatedReadings,
+    TriedOnBeam,
+    left_of,
+    weigh,
+)
+from romsindy.diagnosis.on_beam.latitude import Latitude
+from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
+from romsindy.diagnosis.on_beam.parameters import damping_effects
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.effects import AtPoint, Damper, Viscous
+from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record
+
+BEAM = Beam.cantilever(elements=6)
+SECTION = Section.rectangle(0.025, 0.001, 210e9, 7800.0)
+LENGTH = BEAM.length
+ALL = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(x) for x in (0.15, 0.25, 0.32, 0.45)]))
+DT, CYCLES = 2e-3, 12
+T = np.arange(0.0, CYCLES * 2 * np.pi / ALL.basis.omega[0], DT)
+NOISE = 1e-5  # m, of every sensor
+
+
+def ringing(k, size, off=0.0, rate=0.3):
+    """What sensors read of a mode that dies, m, with a frequency that is off by a part."""
+    turned = (1j * ALL.basis.omega[k] * (1 + off) - rate) * T
+    return np.outer(size * np.exp(turned).real, ALL.shapes[:, k])
+
+
+def readings(more=0.0):
+    """Of the first mode in white noise, and of ``more`` that tells nothing of the noise."""
+    noisy = ringing(0, 0.02) + NOISE * np.random.default_rng(5).standard_normal((len(T), 4))
+    own = rs.Decay(T, noisy, unit="m")
+    q = rs.Decay(T, ALL.coordinate(noisy), unit="kg^0.5 m")
+    read = Readings.of(Record.of(q, 1e-9), own, 0.0, 1e-9)
+    return replace(read, measured=read.measured + more)
+
+
+def test_cosines_over_the_noise_are_white_and_leave_out_the_first_mode():
+    first, second = ringing(0, 0.02), ringing(1, 1e-4)
+    read, shape = readings(), ALL.shapes[:, 0]
+    along_first, beside = (np.abs(read.cosines(x, shape)).max() for x in (first, second))
+    assert along_first < 1e-6 * beside
+    left = read.cosines(read.measured - first, shape)
+    # Of four sensors three are left beside a shape; a chi-square of n is n +- sqrt(2 n).
+    n = 3 * len(T)
+    assert np.sum(left**2) == pytest.approx(n, abs=5 * np.sqrt(2 * n))
+
+
+def test_errors_count_as_noise_with_their_covariance():
+    rng = np.random.default_rng(0)
+    table, errors = rng.standard_normal((30, 3)), 4 * rng.standard_normal((30, 5))
+    white = with_errors(table, errors)
+    covariance = np.eye(30) + errors @ errors.T
+    assert_allclose(white.T @ white, table.T @ np.linalg.solve(covariance, table), rtol=1e-10)
+    span = np.column_stack([errors, errors[:, 0], np.zeros(30)])  # columns may say nothing new
+    best = np.linalg.lstsq(errors, table)[0]
+    assert_allclose(without(table, span), table - errors @ best, atol=1e-10)
+    assert_allclose(without(table, np.zeros((30, 0))), table)  # sensors may show one mode
+
+
+def test_other_modes_follow_the_first_as_it_was_measured():
+    shapes = np.random.default_rng(1).standard_normal((6, 3))
+    own, measured = 0.9 * np.cos(20 * T), np.cos(20.2 * T)
+    expected = along(measured, T) @ shapes
+    found = followed(along(own, T) @ shapes, own, measured, T)
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("off", [4e-4, 4e-3])
+def test_a_second_mode_may_be_off_by_what_is_known_of_it(off):
+    """Its phase may run away by radians, and is followed; more than is known of it costs."""
+    read = readings(ringing(1, 4e-4, off))
+    motion = SimulatedReadings(ringing(0, 0.02) + ringing(1, 4e-4), ringing(1, 1e-4))
+    known = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(4))
+    wide = replace(known, frequencies=np.full_like(known.frequencies, 1e-2))
+    wrong, right = (
+        float(np.sum(left_of(ALL, [read], [motion], slack) ** 2)) for slack in (known, wide)
+    )
+    n = 3 * len(T)
+    assert right == pytest.approx(n, abs=6 * np.sqrt(2 * n))
+    # The prior counts (off / sigma)^2.
+    least = (off / known.frequencies[0]) ** 2 - (off / 1e-2) ** 2
+    assert wrong - right == pytest.approx(least, rel=0.1)
+
+
+def test_sensors_that_show_one_mode_are_heard():
+    few = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(x) for x in (0.2, 0.32, 0.45)]))
+    assert few.shapes.shape == (3, 1)
+    first = np.outer(0.02 * np.exp((1j * few.basis.omega[0] - 0.3) * T).real, few.shapes[:, 0])
+    noisy = first + NOISE * np.random.default_rng(2).standard_normal(first.shape)
+    q = rs.Decay(T, few.coordinate(noisy), unit="kg^0.5 m")
+    read = Readings.of(Record.of(q, 1e-9), rs.Decay(T, noisy, unit="m"), 0.0, 1e-9)
+    slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(3))
+    left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack)
+    n = 2 * len(T)
+    assert np.sum(left**2) == pytest.approx(n, abs=6 * np.sqrt(2 * n))
+
+
+def test_a_place_has_the_interval_of_its_likelihood():
+    """chi^2 = ((a - a0) / s)^2: three standard errors, and the evidence of a Gaussian."""
+    spread, at, points = 0.01, 0.31, np.linspace(0.25, 1.0, 7) * LENGTH
+    left = np.stack([(points - at) / spread, np.zeros(7)])
+    one, other = (TriedOnBeam(frozenset({n}), points, left) for n in ("a", "b"))
+    none = TriedOnBeam(frozenset(), None, np.array([[7.0]]))
+    same = TriedOnBeam(frozenset({"c"}), points, np.zeros((2, 7)))
+    found, _, nothing, alike = weigh([one, other, none, same], [readings()], ALL)
+    assert found.place.at == pytest.approx(at, abs=1e-3)
+    assert_allclose([found.place.low, found.place.high], [at - 0.03, at + 0.03], atol=1e-3)
+    # Half of the belief is at the tip, half is spread along the beam.
+    expected = -2 * np.log(np.sqrt(2 * np.pi) * spread / LENGTH / 2)
+    assert found.misfit == pytest.approx(expected, abs=0.01)
+    assert alike.misfit == pytest.approx(-2 * np.log((1 + 0.75) / 2), abs=1e-6)
+    assert nothing.misfit == 49.0
+
+
+def test_a_place_is_looked_at_again_about_where_it_was():
+    points = (np.linspace(0.25, 1.0, 7) * LENGTH).tolist()
+    told, anywhere = PlaceOnBeam(0.3, 0.29, 0.31, LENGTH), PlaceOnBeam(0.3, 0.1, 0.45, LENGTH)
+    apart = points[1] - points[0]
+    assert_allclose(told.about(points), [0.3 - apart, 0.3, 0.3 + apart])
+    assert anywhere.about(points) == points
+    end = replace(told, at=points[-1])
+    assert_allclose(end.about(points), points[-2:])
+    assert_allclose(told.between(np.array(points)), [0.3 - apart / 4, 0.3 + apart / 4])
+    assert anywhere.between(np.array(points)) == []
+
+
+def test_modes_die_as_the_linear_beam_says():
+    """Half of what a damper takes of a mode; the same by the eigenvalues of the whole beam."""
+    c, at, count = 0.05, 0.27, 2
+    beam = Beam(LENGTH, SECTION, 6, gravity=(0.0, 0.0), alpha=0.3, eta=1e-5)
+    still = beam.modes(count=8)
+    own = ModesAtRest.of(beam, count).rates
+    assert_allclose(own, (beam.alpha + beam.eta * still.omega[:count] ** 2) / 2, rtol=1e-4)
+    damped = beam.with_effect(Damper().on_beam(c, AtPoint(at)))
+    more = ModesAtRest.of(damped, count).rates
+    load = beam.point_load((0.0, 1.0), at=at)
+    moved = np.array([np.vdot(load, shape) for shape in still.shapes])
+    assert_allclose(more - own, c * moved[:count] ** 2 / 2, rtol=1e-3)
+    rates = np.diag(beam.alpha + beam.eta * still.omega**2) + c * np.outer(moved, moved)
+    block = np.block([[np.zeros((8, 8)), np.eye(8)], [-np.diag(still.omega**2), -rates]])
+    found = np.sort(-eigvals(block).real)
+    # Damping of a few per cent couples the modes in second order alone.
+    assert_allclose(more, np.sort(found)[::2][:count], rtol=0.02)
+
+
+def test_a_mode_tells_its_rate_as_least_squares_do():
+    """The closed form of amplitude and rate, as sums, beside the covariance of a fit of four."""
+    omega, rate, ratio, duration, dt = 40.0, 0.8, 25.0, 3.0, 2e-3
+    t = np.arange(0.0, duration, dt)
+    wave = ratio * np.exp((1j * omega - rate) * t)
+    columns = np.stack([wave.real, wave.imag, -t * wave.real, -t * wave.imag], axis=1)
+    covariance = np.linalg.inv(columns.T @ columns)
+    assert variance_of(ratio, rate, duration, dt) == pytest.approx(covariance[2, 2], rel=0.02)
+    assert variance_of(ratio, rate, duration, dt) == pytest.approx(covariance[3, 3], rel=0.02)
+
+
+def test_damping_is_no_less_than_none():
+    beam = Beam.cantilever(elements=6, alpha=0.3)
+    seen = InstrumentedBeam(beam, beam.sensors([Sensor(LENGTH)]))
+    effects = {e.name: e for e in damping_effects(seen.curve(0.02))}
+    low, high = Part(effects["mass_damping"], (), np.array([[0.0]])).limits()
+    assert low[0] == -0.3 and high[0] > 1e6
+
+
+def test_other_modes_speak_for_what_they_were_asked():
+    """What was not asked is as likely as the likeliest of its parts, or as none."""
+    t = np.arange(0.0, 4.0, 0.01)
+    decay = rs.add_noise(rs.Decay(t, 0.1 * np.exp(-0.1 * t) * np.cos(20 * t), unit="m"), 40, 0)
+    records = [Record.of(decay, 1e-4)]
+    model = rs.ReducedModel.from_coefficients({"omega^2": 400.0, "c_linear": 0.1})
+    part = Part(Viscous(), (), np.array([[0.1]]))
+    plain = Hypothesis.of(model, fit(model, [part], records), 0, records)
+    said = {frozenset({"viscous"}): 40.0, frozenset({"drag"}): 7.0, frozenset(): 300.0}
+    assert replace(plain, elsewhere=said).score == plain.score + 40.0
+    del said[frozenset({"viscous"})]
+    assert replace(plain, elsewhere=said).score == plain.score + 300.0
+    assert replace(plain, elsewhere={frozenset({"drag"}): 7.0}).score == plain.score
