@@ -8,7 +8,7 @@ tells the frequency sqrt(k / m) / (2 pi) and the damping ratio c / (2 sqrt(k m))
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -61,7 +61,7 @@ class EffectFamily:
     assumed: float
     found: float
     error: float
-    rivals: tuple[Hypothesis, ...]
+    rivals: tuple[Hypothesis, ...] = field(repr=False)
 
     @classmethod
     def of(
