@@ -119,7 +119,7 @@ class Rounds:
         for _ in range(_ROUNDS + 1):
             report = self._look(effects, found, most)
             if report.interrupted:
-                return Outcome(report, (), before, "interrupted")
+                return Outcome(report, (), before, "the search was stopped")
             if self._settled(parts, report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
                     break

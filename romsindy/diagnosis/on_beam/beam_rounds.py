@@ -96,6 +96,8 @@ class BeamRounds(Rounds):
             report = found.report
             if found.trouble or report.verdict == "none" or not report.best.effects:
                 return found, None
+            if self.options.over:
+                return found._replace(report=replace(report, interrupted=True)), None
             asked = self.near(report, _MOST) or [report.best]
             heard = self.heard(asked, slack)
             best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
