@@ -604,12 +604,12 @@ def test_when_the_time_is_up_the_best_so_far_is_told(monkeypatch):
         there = import_module(f"romsindy.diagnosis.{module}")  # beside it, a function of its name
         monkeypatch.setattr(there, "monotonic", lambda: now[-1])
     force = HIDDEN["quadratic_drag"][0]["force"]
-    report = rs.diagnose(MODEL, decay(1.0, force), time=5.5)
+    report = rs.diagnose(MODEL, decay(1.0, force), budget=5.5)
     # What comes then is the best again, with a whole exponent; all the search would be thirty.
     assert report.interrupted and len(now) - 1 <= 7
     assert report.sentence.startswith("Stopped when ")
-    with pytest.raises(ValueError, match="time = -1 must be seconds"):
-        rs.diagnose(MODEL, decay(1.0, force), time=-1)
+    with pytest.raises(ValueError, match="budget = -1 must be seconds"):
+        rs.diagnose(MODEL, decay(1.0, force), budget=-1)
 
 
 @pytest.mark.parametrize(

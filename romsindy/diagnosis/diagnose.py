@@ -77,7 +77,7 @@ def diagnose(
     max_effects: int = 3,
     floor: float | None = None,
     n_jobs: int = 1,
-    time: float | None = None,
+    budget: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> (
     DiagnosisReport
@@ -155,7 +155,7 @@ def diagnose(
         of a simulated series what its equation may leave.
     n_jobs : int
         Processes for the candidates (joblib).
-    time : float, optional
+    budget : float, optional
         s, after which no further candidate is begun: what is best then is told, as interrupted.
         What promises most comes first. The gap, and a beam with what was found, come after.
     progress : callable, optional
@@ -177,7 +177,7 @@ def diagnose(
         remedy.
     """
     _check_searched(catalogue, progress)
-    check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs, time)
+    check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs, budget)
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
     simulator = simulator_of(model)
@@ -205,7 +205,7 @@ def diagnose(
         n_jobs,
         progress or _silent,
         given,
-        np.inf if time is None else monotonic() + time,
+        np.inf if budget is None else monotonic() + budget,
     )
     without = {"sensors": sensors, "release": release, "reference": reference}
     if driven:
