@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from romsindy.beam import Beam, Section
 from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.all_sensors import Readings, along, followed, with_errors, without
 from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
     SimulatedReadings,
@@ -25,6 +27,7 @@ from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
 from romsindy.diagnosis.on_beam.parameters import damping_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.rounds import undecided
 from romsindy.effects import AtPoint, Damper, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
@@ -195,3 +198,26 @@ def test_other_modes_speak_for_what_they_were_asked():
     del said[frozenset({"viscous"})]
     assert replace(plain, elsewhere=said).score == plain.score + 300.0
     assert replace(plain, elsewhere={frozenset({"drag"}): 7.0}).score == plain.score
+
+
+def test_explanations_that_take_turns_are_told_together():
+    """Each from a structure that was simulated with the other: none is named."""
+
+    @dataclass(frozen=True)
+    class Said:
+        verdict: str
+        best: SimpleNamespace
+        rivals: tuple = ()
+
+    def of(name):
+        effect = SimpleNamespace(effect=SimpleNamespace(name=name))
+        return SimpleNamespace(names=(name,), effects=(effect,))
+
+    density, clamp = of("density"), of("clamp_compliance")
+    doubtful = {frozenset(h.names): h for h in (density, clamp)}
+    found = undecided(Said("named", clamp, (clamp,)), doubtful)
+    assert found.verdict == "ambiguous" and found.rivals == (clamp, density)
+    for said, doubts in ((Said("unknown", clamp), doubtful), (Said("named", clamp), {})):
+        assert undecided(said, doubts) is said
+    assert family_of([density.names, clamp.names]) == "linear frequency"
+    assert family_of([density.names, ("viscous",)]) is None

@@ -6,6 +6,7 @@ import inspect
 import json
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -586,8 +587,29 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
         "all.json",
     ]
     done = CliRunner().invoke(main, arguments)
-    assert done.exit_code == 130 and "Interrupted when 3 explanations were compared" in done.output
+    assert done.exit_code == 130 and "Stopped when 3 explanations were compared" in done.output
     assert (tmp_path / "test_diagnosis.html").is_file() and (tmp_path / "all.json").is_file()
+
+
+def test_when_the_time_is_up_the_best_so_far_is_told(monkeypatch):
+    """The clock ticks with every fit: after the sixth no other candidate is begun."""
+    fitted, now = ProcessNoise.fitted, [0.0]
+
+    def slow(*arguments):
+        now.append(now[-1] + 1.0)
+        return fitted(*arguments)
+
+    monkeypatch.setattr(ProcessNoise, "fitted", slow)
+    for module in ("diagnose", "search"):
+        there = import_module(f"romsindy.diagnosis.{module}")  # beside it, a function of its name
+        monkeypatch.setattr(there, "monotonic", lambda: now[-1])
+    force = HIDDEN["quadratic_drag"][0]["force"]
+    report = rs.diagnose(MODEL, decay(1.0, force), budget=5.5)
+    # What comes then is the best again, with a whole exponent; all the search would be thirty.
+    assert report.interrupted and len(now) - 1 <= 7
+    assert report.sentence.startswith("Stopped when ")
+    with pytest.raises(ValueError, match="budget = -1 must be seconds"):
+        rs.diagnose(MODEL, decay(1.0, force), budget=-1)
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,10 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
     assert min(e.before for e in report.sensor_errors) > 10
     # 1 is noise alone; the standard error of its rms, and of the noise, is 2 % each.
     assert max(e.after for e in report.sensor_errors) < 1.1
-    assert "Missing: more mass at the tip" in report.sentence
+    assert (
+        "Missing: more mass between" in report.sentence
+        and "at the tip it would be" in report.sentence
+    )
 
 
 @pytest.mark.slow
@@ -434,8 +437,10 @@ def test_a_record_may_start_in_the_middle_of_a_swing(heavier):
     """A quarter of a cycle after the release it was refused; the mass found is the same."""
     late = [d.between(0.04) for d in heavier[:2]]
     report = rs.diagnose(BEAM, late[:1], sensors=SEEN.sensors, held_out=late[1])
-    assert ("added_mass",) in report.equivalent
-    assert report.model.effects[-1].mass == pytest.approx(4e-4, rel=0.02)
+    # To both modes a mass at a tip that has one is nearly a density, wherever the record begins.
+    assert set(report.equivalent) <= {("added_mass",), ("density",)}
+    mass = next(h for h in report.reduced.rivals if h.names == ("added_mass",))
+    assert mass.effects[0].strengths[0, 0] == pytest.approx(4e-4, rel=0.02)
 
 
 @pytest.mark.slow
@@ -459,7 +464,7 @@ def test_command_line_reads_a_beam(heavier, tmp_path):
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--beam", str(file)]
     done = CliRunner().invoke(main, [*arguments, "--report", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.output
-    assert "more mass at the tip" in done.output and (tmp_path / "page.html").is_file()
+    assert "at the tip it would be 0.0004" in done.output and (tmp_path / "page.html").is_file()
     file.write_text("[beam]\nlenght = 1\n")
     with pytest.raises(ValueError, match=r"no 'lenght': did you mean 'length'\? It takes"):
         load_beam(file)

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.beam import CLAMPED, Beam, Section, Sensor
+from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.defect import read_release
+from romsindy.diagnosis.on_beam.defect import (
+    FAILURES,
+    OnBeam,
+    ReleaseLoad,
+    _towards,
+    read_release,
+)
 from romsindy.diagnosis.on_beam.within_tolerances import effects_of
 from romsindy.effects import AtPoint, Damper, PointMass
+from romsindy.fit.records.record import Record
 from romsindy.record.signals import with_noise
 
 BEAM = Beam.cantilever(elements=8)
@@ -34,6 +41,37 @@ def test_the_load_at_release_is_read_from_the_sensors():
     exact = basis.shapes[:, -1, 1] / basis.omega**2
     # Mode 4, of 0.2 %, cannot be seen at 250 Hz; the others take part of it.
     np.testing.assert_allclose(parts / parts[0], exact / exact[0], atol=2e-3)
+
+
+def test_a_release_is_read_as_far_as_the_beam_can_be_held():
+    def simulated(ratios):
+        if ratios[0] > 0.31:
+            raise NoEquilibriumError("too far")
+        return 10 * ratios
+
+    here = simulated(np.array([0.1]))
+    for step, reached in ((0.1, 0.2), (0.4, 0.3), (0.7, 0.275), (2.0, 0.1)):
+        ratios, found = _towards(simulated, np.array([0.1]), np.array([step]), here)
+        np.testing.assert_allclose([ratios[0], found[0]], [reached, 10 * reached])
+
+
+def test_a_load_that_cannot_hold_the_beam_was_not_its_release():
+    """One that was read gives way to that of the first mode; one that was given does not."""
+    q = SEEN.coordinate(SEEN.readings(BEAM, 0.016, 1.5, STEP))
+    decay = rs.Decay(STEP * np.arange(len(q)), q, unit="kg^0.5 m")
+    record, on = Record.of(decay, 1e-4), OnBeam(SEEN)
+    # A mode that is 16 times as fast: a beam that bends so has no such coordinate.
+    modes = BEAM.modes(count=3)
+    fast = modes.momenta[2] * modes.omega[2] ** 2
+    for read in (True, False):
+        given = (None, (), record, decay, (0.016, 0.0), ReleaseLoad(fast, read=read))
+        if not read:
+            with pytest.raises(FAILURES):
+                on.moved(*given)
+            continue
+        found = on.moved(*given)
+        assert found.release.load is None and found.release.push is None
+        np.testing.assert_allclose(SEEN.coordinate(found.readings[0])[: len(q)], q, atol=1e-4)
 
 
 def test_modal_release_needs_no_higher_mode():

@@ -316,7 +316,7 @@ def test_an_interrupt_keeps_what_was_compared(monkeypatch):
     monkeypatch.setattr(NoiseOfBest, "fitted", interrupted)
     report = rs.diagnose(model(), record(12, drag), catalogue=FEW)
     assert report.interrupted and report.verdict != "named" and len(report.compared) == 4
-    assert report.sentence.startswith("Interrupted when 4 explanations were compared")
+    assert report.sentence.startswith("Stopped when 4 explanations were compared")
 
 
 def test_what_does_not_go_with_inputs_is_refused(right):

@@ -147,6 +147,16 @@ def test_the_recipe_of_a_family_needs_no_place(seen):
     assert at_point._placed(line) == (
         f"Missing: {Damper.label} {there}, 0.02 N s/m, or a stop at 0.232 m."
     )
+    untold = PlaceOnBeam(0.32, 0.21, 0.45, 0.45, strengths=(0.09, 0.018))
+    (damper,) = mounted_effects(curve, [Damper()])  # at the tip, where the mode moves most
+    best = said(part(damper, 0.02))
+    alone.best, alone.model = best, SimpleNamespace(unit="kg^0.5 m")
+    anywhere = BeamReport(reduced=alone, **given, place=untold)
+    line = f"Missing: {damper.label}, 0.02 +- 0.001 N s/m (odds 90 : 1)."
+    assert anywhere._placed(line) == (
+        f"Missing: {Damper.label} between 0.21 and 0.45 m, 0.09 to 0.018 N s/m there; at the tip"
+        " it would be 0.02 +- 0.001 N s/m (odds 90 : 1)."
+    )
 
 
 def test_hum_is_told_in_hertz(record):

@@ -202,7 +202,7 @@ def test_an_interrupted_diagnosis_names_nothing(monkeypatch):
     monkeypatch.setattr(decay_search.DecaySearch, "_best_of", interrupted)
     found = diagnose(MODEL, decay(1.0, changed=OTHER))
     assert found.interrupted and found.verdict != "named"
-    assert found.sentence.startswith("Interrupted when ")
+    assert found.sentence.startswith("Stopped when ")
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ _OPTIONS = {
 }
 _ARGUMENTS = (
     "free|parameters|time_limit|simulator|tolerances|tolerance|floor|repeats|reference|n_jobs"
-    "|held_out"
+    "|held_out|budget"
 )
 _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
 # Options that are for free decays, and what to do without them.
@@ -120,7 +120,7 @@ _HEADINGS = {
     "Measured inputs": INPUTS,
     "What does not matter": "--tolerance --repeats --reference --floor",
     "What the simulation is unsure of": "--free --tolerances",
-    "Output": "--full --exit-code --report --interactive --json --csv --force",
+    "Output": "--budget --full --exit-code --report --interactive --json --csv --force",
 }
 
 
@@ -217,6 +217,7 @@ _HEADINGS = {
 )
 @full_option
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
+@click.option("--budget", type=float, help="For how long candidates are tried, s.")
 @click.option("--report", type=Output(PAGE), help="Name of the HTML report.")
 @interactive_option
 @click.option("--json", "json_file", type=Output(JSON), help="Write the result.")
@@ -244,6 +245,7 @@ def diagnose(
     exit_code: bool,
     full: bool,
     jobs: int,
+    budget: float | None,
     report: Path | None,
     interactive: bool,
     json_file: Path | None,
@@ -260,7 +262,7 @@ def diagnose(
     tail are taken off, but nothing is filtered, and no mode isolated unless --mode or --band asks
     for it. With --input the records of a model are vibrations that measured inputs drive. The
     exit code is 2 where something is refused, and 130 after an interruption (Ctrl-C), which keeps
-    what was compared.
+    what was compared, as the end of --budget does.
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
@@ -296,7 +298,7 @@ def diagnose(
     if len(tests) > 1:
         raise click.UsageError(f"--held-out {held_out} holds {len(tests)} decays: choose --release")
     # What was not given stays as the simulation has it; 0 and nothing are given values.
-    asked: dict[str, Any] = {"floor": floor, "tolerance": tolerance or None}
+    asked: dict[str, Any] = {"floor": floor, "tolerance": tolerance or None, "budget": budget}
     asked["free"] = [name for name in free if name != "nothing"] if free else None
     asked["tolerances"] = tolerances or None
     asked["repeats"] = [d for _, d in again] if repeats else None
@@ -319,7 +321,7 @@ def diagnose(
             result.to_csv(csv_file)
     _tell(result, full)
     click.echo(told("Report", page))
-    if result.interrupted:
+    if result.interrupted and budget is None:
         raise click.exceptions.Exit(INTERRUPTED)
     if exit_code:
         raise click.exceptions.Exit(_CODES[result.verdict])

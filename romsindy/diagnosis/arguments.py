@@ -62,7 +62,9 @@ def decays_of(name: str, argument: object) -> list[Decay]:
     return given.decays
 
 
-def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: int) -> None:
+def check_numbers(
+    floor: float, false_alarm: float, max_effects: int, n_jobs: int, budget: float | None
+) -> None:
     """Raise a ValueError for settings of a search that are no numbers, or not of their range."""
     if not (isinstance(floor, _NUMBER) and 0 < floor < 1):
         raise ValueError(f"floor = {floor!r} must be a part of the largest amplitude, below 1")
@@ -72,6 +74,8 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
         raise ValueError(f"max_effects = {max_effects!r} must be a number of effects, such as 3")
     if not (isinstance(n_jobs, _WHOLE) and n_jobs != 0):
         raise ValueError(f"n_jobs = {n_jobs!r} must be a number of processes; -1 uses all cores")
+    if budget is not None and not (isinstance(budget, _NUMBER) and budget > 0):
+        raise ValueError(f"budget = {budget!r} must be seconds, such as 60")
 
 
 def check_request(

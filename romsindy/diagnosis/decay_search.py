@@ -142,6 +142,7 @@ class DecaySearch(Search):
         except KeyboardInterrupt:
             seen, interrupted = [base, *self.compared[1:]], True  # the first is the base
             best = self.ranked(seen)[0]
+        interrupted |= self.options.over
         # An effect beside values that moved is no rival of these alone unless it gains something.
         seen = [h for h in seen if not self._gains_nothing(h.at(base.noise), base)]
         if not self.remainder(best).explained:
@@ -244,6 +245,8 @@ class DecaySearch(Search):
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
         tried = self.ranked(self.fitted(trials))
+        if not tried:
+            return []
         tried = self.ranked([*self.further(tried[:3]), *tried[3:]])
         return self.ranked([self.settled(tried[0]), *tried[1:]])
 

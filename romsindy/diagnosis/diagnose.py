@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from time import monotonic
 from typing import Any, cast
 
 import numpy as np
@@ -76,6 +77,7 @@ def diagnose(
     max_effects: int = 3,
     floor: float | None = None,
     n_jobs: int = 1,
+    budget: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> (
     DiagnosisReport
@@ -153,6 +155,9 @@ def diagnose(
         of a simulated series what its equation may leave.
     n_jobs : int
         Processes for the candidates (joblib).
+    budget : float, optional
+        s, after which no further candidate is begun: what is best then is told, as interrupted.
+        What promises most comes first. The gap, and a beam with what was found, come after.
     progress : callable, optional
         Called with a line of text for every candidate under test.
 
@@ -172,7 +177,7 @@ def diagnose(
         remedy.
     """
     _check_searched(catalogue, progress)
-    check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
+    check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs, budget)
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
     simulator = simulator_of(model)
@@ -193,7 +198,14 @@ def diagnose(
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
-        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given
+        tuple(catalogue),
+        false_alarm,
+        max_effects,
+        floor,
+        n_jobs,
+        progress or _silent,
+        given,
+        np.inf if budget is None else monotonic() + budget,
     )
     without = {"sensors": sensors, "release": release, "reference": reference}
     if driven:

@@ -8,7 +8,7 @@ tells the frequency sqrt(k / m) / (2 pi) and the damping ratio c / (2 sqrt(k m))
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -61,7 +61,7 @@ class EffectFamily:
     assumed: float
     found: float
     error: float
-    rivals: tuple[Hypothesis, ...]
+    rivals: tuple[Hypothesis, ...] = field(repr=False)
 
     @classmethod
     def of(
@@ -71,15 +71,9 @@ class EffectFamily:
 
         ``growth`` is how much larger errors are than the noise alone makes them.
         """
-        said = [h.names for h in rivals]
-        alike = [
-            name
-            for name, members in MEMBERS.items()
-            if all(len(n) == 1 and n[0] in members for n in said)
-        ]
-        if len(said) < 2 or not alike or not model.coefficients.get("omega^2", 0.0) > 0:
+        name = family_of([h.names for h in rivals])
+        if len(rivals) < 2 or name is None or not model.coefficients.get("omega^2", 0.0) > 0:
             return None
-        (name,) = alike
 
         def of_parts(parts: Sequence[Part]) -> float:
             return small_vibration(model, parts, record)[name == DAMPING]
@@ -146,3 +140,11 @@ def small_vibration(
         mass -= float(np.sum((moving - still) * cos)) / (power * rate**2)
     omega = float(np.sqrt(stiffness / mass))
     return omega / (2 * np.pi), damping / (2 * mass * omega)
+
+
+def family_of(said: Sequence[tuple[str, ...]]) -> str | None:
+    """The family of which all explanations, by their names, are members; None if of none."""
+    for name, members in MEMBERS.items():
+        if all(len(n) == 1 and n[0] in members for n in said):
+            return name
+    return None

@@ -178,7 +178,7 @@ class Explained(Written):
         if not self.interrupted:
             return []
         n = len(self.compared)
-        return [f"Interrupted when {n} explanations were compared: not the last word."]
+        return [f"Stopped when {n} explanations were compared: not the last word."]
 
     # -- tables and files ------------------------------------------------------------------------
 

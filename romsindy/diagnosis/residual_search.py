@@ -60,6 +60,7 @@ class ResidualSearch(Search):
             best = self._settled(best if self.worth(plain, best) else plain)
         except KeyboardInterrupt:
             best, interrupted = self._weighed()[0], True
+        interrupted |= self.options.over
         best = self._now(best)
         others = [h for h in self._weighed() if h.solution is not best.solution]
         compared = [best, *others]

@@ -15,12 +15,14 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
+from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -64,6 +66,8 @@ class Rounds:
     form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
     # What other modes say of effects, see `Hypothesis`
     elsewhere: dict[Names, float] = field(default_factory=dict)
+    # What rounds that took turns had said, of the family of the last: see `EffectFamily`
+    doubtful: dict[Names, Hypothesis] = field(default_factory=dict)
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 
@@ -113,13 +117,16 @@ class Rounds:
         """Simulate what was found, take the defect off and look again, until nothing changes.
 
         One effect that closes the gap counts more than several that fit a little better. ``parts``
-        are on the structure that was simulated before.
+        are on the structure that was simulated before. Where two explanations take turns, each
+        from the structure with the other, both are told.
         """
         most, found = 1, before
+        reports: list[DiagnosisReport] = []
         for _ in range(_ROUNDS + 1):
             report = self._look(effects, found, most)
+            reports.append(report)
             if report.interrupted:
-                return Outcome(report, (), before, "interrupted")
+                return Outcome(report, (), before, "the search was stopped")
             if self._settled(parts, report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
                     break
@@ -130,6 +137,12 @@ class Rounds:
                 found = self.simulate(parts)
             except self.structure.failures as error:
                 return Outcome(report, (), before, str(error))
+        else:
+            seen = [h for r in reports for h in (r.best, *r.rivals)]
+            self.doubtful = {
+                names_of(h): h for h in seen if family_of([h.names, report.best.names])
+            }
+            report = undecided(report, self.doubtful)
         return Outcome(report, parts, found)
 
     def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
@@ -182,19 +195,31 @@ class Rounds:
         gap = report.base.at(best.noise).misfit - best.misfit
         without = self.elsewhere.get(frozenset(), 0.0)
         found: dict[Names, Hypothesis] = {}
-        for h in (best, *report.compared):
+        for h in (best, *report.rivals, *report.compared):
             there = len(self.structure.with_effects(h.effects)) == len(h.effects)
             as_few = 0 < len(h.effects) <= len(best.effects)
             heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
             if h.score < best.score + _NEAR * gap and as_few and there and heard:
                 found.setdefault(names_of(h), h)
+        for names, h in self.doubtful.items():
+            found.setdefault(names, h)
         return list(found.values())[:most]
 
     def likeliest(self, asked: Sequence[Hypothesis], misfits: Mapping[Names, float]) -> Hypothesis:
         """The best of explanations, with their misfits in other modes, which count from now on."""
         least = min(misfits.values())
         self.elsewhere = {names: x - least for names, x in misfits.items()}
+        refused = {n for n, x in self.elsewhere.items() if x > EQUIVALENT}
+        self.doubtful = {n: h for n, h in self.doubtful.items() if n not in refused}
         return min((replace(h, elsewhere=self.elsewhere) for h in asked), key=lambda h: h.score)
+
+
+def undecided(report: DiagnosisReport, doubtful: Mapping[Names, Hypothesis]) -> DiagnosisReport:
+    """A report with explanations that it would not have named, had it begun with them."""
+    others = [h for names, h in doubtful.items() if names != names_of(report.best)]
+    if report.verdict != "named" or not others:
+        return report
+    return replace(report, verdict="ambiguous", rivals=(*report.rivals, *others))
 
 
 def names_of(h: Hypothesis) -> Names:

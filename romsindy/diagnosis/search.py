@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from time import monotonic
 from typing import Any, Protocol
 
 import numpy as np
@@ -38,6 +39,12 @@ class Options:
     n_jobs: int
     progress: Callable[[str], None]
     tolerance: Tolerance = field(default_factory=Tolerance)
+    until: float = np.inf  # s, on the clock of `time.monotonic`: then the best so far is told
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return monotonic() > self.until
 
     def tolerating(self, other: Tolerance) -> Options:
         """The same with the larger of two tolerances, of each kind."""
@@ -124,10 +131,13 @@ class Search(ABC):
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
-        return self.fitted([parts])[0]
+        return self._fitted([parts])[0]
 
     def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
-        """Fit and weigh several, in parallel."""
+        """Fit and weigh several, in parallel, until the time is up."""
+        return [] if self.options.over else self._fitted(trials)
+
+    def _fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
         for parts in trials:
             self.options.progress(" + ".join(p.effect.name for p in parts) or "nothing")
         first = (*self.free, *self.beside)
@@ -141,6 +151,8 @@ class Search(ABC):
         for hypothesis in Parallel(self.options.n_jobs, return_as="generator")(tasks):
             found.append(hypothesis)
             self.compared.append(hypothesis)
+            if self.options.over:
+                break
         return found
 
     def further(self, several: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -169,7 +181,8 @@ class Search(ABC):
     def grown(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """Accept effects one after another; the best, and all that were tried on the way."""
         seen: list[Hypothesis] = []
-        while len(best.effects) < self.options.max_effects and not self.enough(best):
+        most = self.options.max_effects
+        while len(best.effects) < most and not (self.options.over or self.enough(best)):
             tried = self.one_more(best)
             seen += tried
             if not tried or not self.worth(best, tried[0]):
@@ -182,11 +195,10 @@ class Search(ABC):
     ) -> tuple[Hypothesis, list[Hypothesis]]:
         """Drop effects that the others have made superfluous; what was tried as well."""
         seen: list[Hypothesis] = []
-        while len(best.effects) > 1:
+        while len(best.effects) > 1 and not self.options.over:
             fewer = self.without_one(best, [*seen, *known])
             seen += fewer
-            shortest = self.ranked(fewer)[0]
-            if self.worth(shortest, best):
+            if not fewer or self.worth(shortest := self.ranked(fewer)[0], best):
                 break
             best = shortest
         return best, seen

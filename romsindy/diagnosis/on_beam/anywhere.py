@@ -19,6 +19,8 @@ from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array
 
+_TOLD = 1.96  # standard errors of a strength to either side
+
 
 def can_be_anywhere(part: Part) -> bool:
     """Whether an effect acts at one point, which was not given."""
@@ -34,6 +36,13 @@ def place_now(seen: InstrumentedBeam, part: Part) -> float:
     effect = part.effect
     at = effect.mounting.at if isinstance(effect, MountedEffect) else effect.at  # type: ignore[attr-defined]
     return seen.beam.length if at is None else float(at)
+
+
+def where(part: Part) -> str:
+    """Where an effect that can be anywhere is taken to act, as its label says it."""
+    effect = part.effect
+    mounting = effect.mounting if isinstance(effect, MountedEffect) else AtPoint(effect.at)  # type: ignore[attr-defined]
+    return str(mounting.place)
 
 
 def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> Part:
@@ -85,7 +94,11 @@ def with_error_of_place(
     rows = zip(best.parts, best.solution.slices(), strict=True)
     part, own = next((p, own) for p, own in rows if can_be_anywhere(p) and np.any(p.strengths))
     low, high = (moved_to(seen, part, at, record).values for at in (place.low, place.high))
-    place = replace(place, strengths=(float(low[0]), float(high[0])))
+    # Further apart by what the strength is unsure of at either end.
+    unsure = _TOLD * float(best.covariance[own, own][0, 0]) ** 0.5 / float(part.values[0])
+    ends = np.array([low[0], high[0]])
+    ends += unsure * np.abs(ends) * np.where(ends == ends.max(), 1, -1)
+    place = replace(place, strengths=(float(ends[0]), float(ends[1])))
     if not place.told:
         return best, place
     moved = (high - low) / (2 * PLACE_ERRORS)

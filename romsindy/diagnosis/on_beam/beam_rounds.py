@@ -38,7 +38,7 @@ from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.parameters import points
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
-from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
+from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
@@ -96,6 +96,8 @@ class BeamRounds(Rounds):
             report = found.report
             if found.trouble or report.verdict == "none" or not report.best.effects:
                 return found, None
+            if self.options.over:
+                return found._replace(report=replace(report, interrupted=True)), None
             asked = self.near(report, _MOST) or [report.best]
             heard = self.heard(asked, slack)
             best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
@@ -115,6 +117,7 @@ class BeamRounds(Rounds):
             # A release is read with what acts: where that is elsewhere, it was another.
             if agreed and moved < _ELSEWHERE * self.seen.beam.length:
                 break
+        found = found._replace(report=undecided(found.report, self.doubtful))
         if agreed:
             return self._with_error(found, place)
         return found, None if place is None else place.untold()

@@ -12,7 +12,7 @@ almost in one. What the higher modes do in the first cycles tells which forces h
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,17 +42,20 @@ _RESOLVED = 0.8  # of the largest frequency that the sampling shows
 _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differences
 _TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
 _CYCLES = 3  # from which the release is read: noise hides in one what rings a little
+_SHARES = (1.0, 0.5, 0.25)  # of a step
 _ROUNDS = 2  # of reading the release: the motion is nearly linear in the higher modes
 
 
 class ReleaseLoad(NamedTuple):
     """Nodal loads, (n_nodes, 3) and of any size, that held a beam and that pushed it.
 
-    None stands for the modal force of its first mode.
+    None stands for the modal force of its first mode. ``read`` is True of one that was read from
+    the sensors.
     """
 
     load: Array | None = None
     push: Array | None = None
+    read: bool = False
 
 
 def read_release(
@@ -87,18 +90,36 @@ def read_release(
         motion = seen.motion(beam, q, (n - 0.5) * dt, dt, held, q_dot=q_dot, push=pushed)
         return motion[derivative]
 
-    ratios = np.zeros(len(unknown))
-    for _ in range(_ROUNDS if len(ratios) else 0):
-        here = simulated(ratios)
+    ratios: Array = np.zeros(len(unknown))
+    here = simulated(ratios)
+    for _ in range(_ROUNDS if unknown.any() else 0):
         steps = _STEP * np.eye(len(ratios))[unknown]
-        changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
+        try:
+            changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
+        except FAILURES:  # what was read so far can be held
+            break
         rate = np.gradient(here, dt, axis=0)
         columns = [*changes, here, t * here, t * rate, *([rate] if unknown[-1] else [])]
         matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
         found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
-        ratios[unknown] += (found / scale)[: len(steps)]
-    return ReleaseLoad(*_loads(forces, ratios))
+        step = np.zeros(len(unknown))
+        step[unknown] = (found / scale)[: len(steps)]
+        ratios, here = _towards(simulated, ratios, step, here)
+    held, pushed = _loads(forces, ratios)
+    return ReleaseLoad(held, pushed, read=True)
+
+
+def _towards(
+    simulated: Callable[[Array], Array], ratios: Array, step: Array, here: Array
+) -> tuple[Array, Array]:
+    """A step from ratios, as far as the beam can be held, and what is simulated there."""
+    for share in _SHARES:
+        try:
+            return ratios + share * step, simulated(ratios + share * step)
+        except FAILURES:  # half as far
+            continue
+    return ratios, here
 
 
 def ringing(
@@ -176,6 +197,13 @@ class OnBeam:
         own = decay.between(record.decay.t[0])
         if release is None:
             release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
+        try:
+            return Moved(simulated(self.seen, beam, record, own, start, release), start, release)
+        except FAILURES:
+            if not release.read:
+                raise
+        # By loads that cannot hold it, it was not held: what was read is no release.
+        release = ReleaseLoad(read=True)
         return Moved(simulated(self.seen, beam, record, own, start, release), start, release)
 
 

@@ -26,7 +26,8 @@ class PlaceOnBeam:
     length : float
         Of the beam.
     strengths : tuple of float
-        Of the effect, were it at ``low`` and at ``high``; empty where it was not found again.
+        Of the effect, were it at ``low`` and at ``high``, with their 95 % errors outwards; empty
+        where it was not found again.
     """
 
     at: float

@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
-from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, place_now
+from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import linear, next_release
@@ -29,7 +29,6 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     on_the_beam,
 )
 from romsindy.diagnosis.structure_report import StructureReport
-from romsindy.effects.mounting import AtPoint
 from romsindy.fit.kernel.part import Part
 
 
@@ -132,7 +131,7 @@ class BeamReport(StructureReport):
             return line
         if not line.startswith("Missing: "):
             return line
-        usual = AtPoint(place_now(self.seen, movable[0])).place
+        usual = where(movable[0])
         if self.place.told:
             return line.replace(usual, in_interval(self.place), 1)
         if not self.place.strengths:

@@ -136,6 +136,8 @@ class SimulatorRounds(Rounds):
             said = bool(report.best.effects) and report.verdict != "none"
             if found.trouble or not said or len(asked) < 2:
                 break
+            if self.options.over:
+                return found._replace(report=replace(report, interrupted=True))
             try:
                 best = self.likeliest(asked, self._heard(asked, found))
                 if best.names == report.best.names:
