@@ -226,7 +226,7 @@ class HigherModes:
 
 
 def _rotating(x: Array, t: Array) -> Array:
-    """HigherModes modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
+    """Ringing modes (n, m) as complex amplitudes that rotate; their real part is what rings."""
     turned = np.gradient(x, t, axis=0)
     # Differences of few samples a cycle are too small, in the right phase.
     size = np.linalg.norm(x, axis=0) / np.maximum(np.linalg.norm(turned, axis=0), 1e-300)

@@ -95,9 +95,10 @@ def with_error_of_place(
     part, own = next((p, own) for p, own in rows if can_be_anywhere(p) and np.any(p.strengths))
     low, high = (moved_to(seen, part, at, record).values for at in (place.low, place.high))
     # Further apart by what the strength is unsure of at either end.
-    unsure = _TOLD * float(best.covariance[own, own][0, 0]) ** 0.5 / float(part.values[0])
+    error = float(best.covariance[own, own][0, 0]) ** 0.5
+    unsure = _TOLD * error / abs(float(part.values[0]))
     ends = np.array([low[0], high[0]])
-    ends += unsure * np.abs(ends) * np.where(ends == ends.max(), 1, -1)
+    ends += unsure * np.abs(ends) * ([-1, 1] if low[0] < high[0] else [1, -1])
     place = replace(place, strengths=(float(ends[0]), float(ends[1])))
     if not place.told:
         return best, place
