@@ -116,7 +116,7 @@ class BeamReport(StructureReport):
         lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
-        elif self.not_there:
+        elif self.not_there and self.verdict != "unknown":  # what is refused is on no beam
             lines.append(f"Not on the improved beam: {', '.join(self.not_there)}.")
         place = None if self.trouble or self.family else self.place
         if place is not None and not (place.told or place.strengths):
