@@ -16,7 +16,7 @@ from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
-from romsindy.diagnosis.on_beam.next_release import linear, next_release
+from romsindy.diagnosis.on_beam.next_release import next_release
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
@@ -26,6 +26,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     beam_with,
     effects_of,
     in_words,
+    linear,
     on_the_beam,
 )
 from romsindy.diagnosis.structure_report import StructureReport
@@ -126,7 +127,7 @@ class BeamReport(StructureReport):
 
     def _placed(self, line: str) -> str:
         """A line on what is missing with its place as closely as the data tell it."""
-        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p)]
+        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p.effect)]
         if self.place is None or self.trouble or len(movable) != 1:
             return line
         if not line.startswith("Missing: "):
