@@ -73,9 +73,11 @@ class Rounds:
     doubtful: dict[Names, Hypothesis] = field(default_factory=dict)
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
+    clear: list[int] = field(init=False)  # numbers of the records that tell of the coordinate
 
     def __post_init__(self) -> None:
         self.smooth = list(self.records)
+        self.clear = list(range(len(self.records)))
         self.parallel = Parallel(self.options.n_jobs if self.structure.apart else 1)
 
     @property
@@ -192,10 +194,11 @@ class Rounds:
     def _look(
         self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
     ) -> DiagnosisReport:
-        decays = [c.decay.between(start) for c, start in zip(found, self.calm, strict=True)]
-        test = decays[-1] if self.held_out else None
+        decays = [found[i].decay.between(self.calm[i]) for i in self.clear]
+        n_training = sum(i < self.n_training for i in self.clear)
+        test = decays[-1] if n_training < len(decays) else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
-        training = decays[: self.n_training]
+        training = decays[:n_training]
         counts = {n: self.elsewhere.get(n, 0.0) + x for n, x in self.refuted.items()}
         known = chosen, self.form, False, {**self.elsewhere, **counts}
         return self.look(self.model, training, test, self.unsure, {}, *known)

@@ -12,6 +12,7 @@ from joblib import delayed
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
     SimulatedReadings,
@@ -46,11 +47,40 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 _COHERENT = 0.1  # of a motion: so far may a beam be from it, and do the same beside its model
+_LOUD = 0.1  # of a motion: where other modes change it by so much, it is not that of the first
 _STAND_INS = ("density", "mass_damping")  # which change all modes alike
 _LISTENED = 3  # times, each with the best so far on the beam
 _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
+
+
+def _far(record: Record, found: Corrected, sensed: Array) -> float:
+    """How far a simulated coordinate is from a record, over its motion."""
+    return float(np.std(record.signal - sensed) / np.std(record.signal))
+
+
+def _defect(record: Record, found: Corrected, sensed: Array) -> float:
+    """What was taken off a record, over its motion."""
+    return float(np.std(record.signal - found.decay.signal) / np.std(record.signal))
+
+
+def _off(record: Record, sensed: Array) -> Array:
+    """What a record has more of than a simulated coordinate: omega^2, c_linear.
+
+    At equal amplitudes: with another damping the beam is soon at others.
+    """
+    size, *measured = _courses(record)
+    others, *simulated = _courses(as_measured(record, sensed))
+    reached = (size > others.min()) & (size < others.max())
+    if not np.any(reached):
+        return np.zeros(2)
+    order = np.argsort(others)
+    more = [
+        np.mean(x[reached] - np.interp(size[reached], others[order], y[order]))
+        for x, y in zip(measured, simulated, strict=True)
+    ]
+    return 2 * np.array(more) * [record.rate, 1.0]
 
 
 def _courses(record: Record) -> tuple[Array, Array, Array]:
@@ -90,55 +120,56 @@ class BeamRounds(Rounds):
         """The beam with its sensors."""
         return self.structure.seen
 
+    @property
+    def loud(self) -> tuple[str, ...]:
+        """Records that say nothing of the coordinate, as they are called."""
+        names = [name_of(i) for i in range(self.n_training)] + [HELD_OUT] * self.held_out
+        return tuple(name for i, name in enumerate(names) if i not in self.clear)
+
     def near_the_records(
         self, effects: Sequence[Effect], found: list[Corrected]
     ) -> tuple[list[Corrected], tuple[Part, ...]]:
         """The beam with what brings it near the records, where it is far from them as it is.
 
         Its defect goes with its motion: a beam of another frequency or damping has another. Density
-        and damping of the mass stand for whatever is missing, until that is known.
+        and damping of the mass stand for whatever is missing, until that is known. A record in
+        which the defect is as loud as what is looked for says little of the coordinate.
         """
-        rows = list(zip(self.records, found, strict=True))[: self.n_training]
-        far = [np.std(r.signal - self.structure.coordinate(c.readings)) for r, c in rows]
-        if all(x < _COHERENT * np.std(r.signal) for x, (r, _) in zip(far, rows, strict=True)):
-            return found, ()
+        parts: tuple[Part, ...] = ()
+        if any(_far(*row) > _COHERENT for row in self._rows(found)):
+            parts = self._stand_ins(effects, found)
+        try:
+            found = self.simulate(parts) if parts else found
+        except FAILURES:
+            self.return_to(found)
+            parts = ()
+        clear = [i for i, row in enumerate(self._rows(found)) if _defect(*row) < _LOUD]
+        if clear and clear[0] < self.n_training:
+            self.clear = clear
+        return found, parts
+
+    def _rows(self, found: Sequence[Corrected]) -> list[tuple[Record, Corrected, Array]]:
+        """Records beside what was simulated, and its coordinate."""
+        sensed = [self.structure.coordinate(c.readings) for c in found]
+        return list(zip(self.records, found, sensed, strict=True))
+
+    def _stand_ins(self, effects: Sequence[Effect], found: Sequence[Corrected]) -> tuple[Part, ...]:
+        """Density and damping of the mass by which the records differ from what was simulated."""
+        rows = self._rows(found)[: self.n_training]
         # A record in which other modes are loud tells little of the first.
-        loud = [np.std(r.signal - c.decay.signal) / np.std(r.signal) for r, c in rows]
-        off = [self._off(r, c) for r, c in rows]
-        omega2, c_linear = np.average(off, axis=0, weights=1 / np.square(loud))
+        weights = [1 / _defect(*row) ** 2 for row in rows]
+        off = [_off(record, sensed) for record, _, sensed in rows]
+        omega2, c_linear = np.average(off, axis=0, weights=weights)
         by_name = {e.name: e for e in effects}
         density, damping = (by_name[name] for name in _STAND_INS)
         change = omega2 / density.linear_shift(rows[0][0].rate ** 2)  # type: ignore[attr-defined]
-        parts = [self._stand_in(*pair) for pair in ((density, change), (damping, c_linear))]
-        try:
-            return self.simulate(parts), tuple(parts)
-        except FAILURES:
-            self.return_to(found)
-            return found, ()
+        return self._stand_in(density, change), self._stand_in(damping, c_linear)
 
     def _stand_in(self, effect: Effect, strength: float) -> Part:
         """A linear effect with a strength that it can have."""
         part = Part.of(effect, scales(self.records), len(self.records))
         least, most = (x[0] for x in part.limits())
         return replace(part, strengths=np.full((1, 1), np.clip(strength, least, most)))
-
-    def _off(self, record: Record, found: Corrected) -> Array:
-        """What a record has more of than the beam as it was simulated: omega^2, c_linear.
-
-        At equal amplitudes: with another damping the beam is soon at others.
-        """
-        own = as_measured(record, self.structure.coordinate(found.readings))
-        size, *measured = _courses(record)
-        others, *simulated = _courses(own)
-        reached = (size > others.min()) & (size < others.max())
-        if not np.any(reached):
-            return np.zeros(2)
-        order = np.argsort(others)
-        more = [
-            np.mean(x[reached] - np.interp(size[reached], others[order], y[order]))
-            for x, y in zip(measured, simulated, strict=True)
-        ]
-        return 2 * np.array(more) * [record.rate, 1.0]
 
     def sought(self, effects: Sequence[Effect], parts: Sequence[Part]) -> list[Effect]:
         """Effects to look for: those that are on the beam already where they are.

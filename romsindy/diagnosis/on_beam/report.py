@@ -47,12 +47,15 @@ class BeamReport(StructureReport):
         What the sensors and the higher modes may do beside what is simulated.
     place : PlaceOnBeam or None
         Where the effect acts, if it is one that can be anywhere.
+    loud : tuple of str
+        Records in which other modes change the motion of the first: only all sensors tell of them.
     """
 
     faults: tuple[SensorFault, ...]
     seen: InstrumentedBeam
     slack: Latitude
     place: PlaceOnBeam | None = None
+    loud: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -114,6 +117,11 @@ class BeamReport(StructureReport):
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
+        lines += [
+            f"Other modes change the first by a tenth or more in {name}: of what acts on the first"
+            " it says nothing, and the others are counted without it."
+            for name in self.loud
+        ]
         lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
@@ -148,6 +156,7 @@ class BeamReport(StructureReport):
             "faults": [vars(f) for f in self.faults],
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
+            "loud": list(self.loud),
         }
 
 

@@ -138,6 +138,7 @@ def diagnose_beam(
         seen=whole,
         slack=slack,
         place=place,
+        loud=rounds.loud,
     )
 
 
