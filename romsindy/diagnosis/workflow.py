@@ -151,11 +151,18 @@ def _validated(
 def _that_matter(
     search: DecaySearch, explained: Callable[[Hypothesis], Explanation], found: Finding
 ) -> Finding:
-    """The finding with fewer of several effects, where what these say is within the tolerance."""
+    """The finding with fewer of several effects, where what these say is within the tolerance.
+
+    What is in the measurement changes no motion, and stays.
+    """
     best = found.rivals[0]
     while len(best.effects) > 1 and not (found.interrupted or search.options.over):
         whole, tolerance = explained(best), search.options.tolerance
-        fewer = [h for h in search.without_one(best, found.compared) if h.solution.finite]
+        fewer = [
+            h
+            for h, part in zip(search.without_one(best, found.compared), best.effects, strict=True)
+            if h.solution.finite and part.effect.family not in ("measurement", "outside")
+        ]
         alike = [h for h in fewer if not explained(h).differs(whole, tolerance)]
         if not alike:
             break

@@ -28,6 +28,7 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import (
     FAILURES,
+    STAND_INS,
     OnBeam,
     ReleaseLoad,
     read_release,
@@ -48,7 +49,6 @@ from romsindy.typing import Array
 
 _COHERENT = 0.1  # of a motion: so far may a beam be from it, and do the same beside its model
 _LOUD = 0.1  # of a motion: where other modes change it by so much, it is not that of the first
-_STAND_INS = ("density", "mass_damping")  # which change all modes alike
 _LISTENED = 3  # times, each with the best so far on the beam
 _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
@@ -161,7 +161,7 @@ class BeamRounds(Rounds):
         off = [_off(record, sensed) for record, _, sensed in rows]
         omega2, c_linear = np.average(off, axis=0, weights=weights)
         by_name = {e.name: e for e in effects}
-        density, damping = (by_name[name] for name in _STAND_INS)
+        density, damping = (by_name[name] for name in STAND_INS)
         change = omega2 / density.linear_shift(rows[0][0].rate ** 2)  # type: ignore[attr-defined]
         return self._stand_in(density, change), self._stand_in(damping, c_linear)
 

@@ -21,10 +21,10 @@ from scipy.interpolate import CubicSpline
 
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.beam.structure import springs_of
-from romsindy.diagnosis.family import MEMBERS
 from romsindy.diagnosis.on_beam.place import some_points
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
+from romsindy.effects.choices import FAMILIES
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor
 from romsindy.physics.damping import Averaged, FrictionLaw
 from romsindy.physics.term import Term
@@ -229,7 +229,7 @@ def _settled(
     """
     if not isinstance(where, AtPoint) or where.at is not None:
         return [where]
-    alike = any(effect.name in names for names in MEMBERS.values())
+    alike = any(effect.name in names for names in FAMILIES.values())
     some = some_points(curve.beam, curve.point) if alike else [curve.point]
     return [replace(where, at=x) for x in (some if at is None else [at])]
 
