@@ -54,7 +54,7 @@ _LEFT_OUT = {
     "driven": ("second_mode", "bias"),
 }
 DAMPING, FREQUENCY = "linear damping", "linear frequency"
-# Effects that do the same to one mode, in the order in which they are tried: what needs no place first.
+# Effects that do the same to one mode, as they are tried: what needs no place first.
 FAMILIES = {
     DAMPING: ("mass_damping", "material_damping", "viscous", "hysteretic"),
     FREQUENCY: (
