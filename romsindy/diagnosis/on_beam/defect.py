@@ -21,6 +21,7 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.beam.motion import StepTooLongError
+from romsindy.diagnosis.all_sensors import without
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
 from romsindy.diagnosis.structure import Moved, linear_parts, start_of
@@ -94,6 +95,18 @@ def read_release(
         motion = seen.motion(beam, q, (n - 0.5) * dt, dt, held, q_dot=q_dot, push=pushed)
         return motion[derivative]
 
+    def over_noise(columns: Sequence[Array]) -> Array:
+        return np.stack([(c / noise).ravel() for c in columns], axis=1)
+
+    def unread(here: Array) -> list[Array]:
+        """What is not the release: amplitude, damping, frequency and, where it moves, time."""
+        rate = np.gradient(here, dt, axis=0)
+        return [here, t * here, t * rate, *([rate] if unknown[-1] else [])]
+
+    def misfit(here: Array) -> float:
+        y = over_noise([measured[:n] - here])
+        return float(np.linalg.norm(without(y, over_noise(unread(here)))))
+
     ratios: Array = np.zeros(len(unknown))
     here = simulated(ratios)
     for _ in range(_ROUNDS if unknown.any() else 0):
@@ -102,29 +115,35 @@ def read_release(
             changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
         except FAILURES:  # what was read so far can be held
             break
-        rate = np.gradient(here, dt, axis=0)
-        columns = [*changes, here, t * here, t * rate, *([rate] if unknown[-1] else [])]
-        matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
+        matrix = over_noise([*changes, *unread(here)])
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
-        found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
+        found, *_ = np.linalg.lstsq(matrix, over_noise([measured[:n] - here])[:, 0], rcond=None)
         step = np.zeros(len(unknown))
         step[unknown] = (found / scale)[: len(steps)]
-        ratios, here = _towards(simulated, ratios, step, here)
-        if np.abs(step).max() < _READ:
+        last = ratios
+        ratios, here = _towards(simulated, ratios, step, here, misfit)
+        if np.abs(ratios - last).max() < _READ:
             break
     held, pushed = _loads(forces, ratios)
     return ReleaseLoad(held, pushed, read=True)
 
 
 def _towards(
-    simulated: Callable[[Array], Array], ratios: Array, step: Array, here: Array
+    simulated: Callable[[Array], Array],
+    ratios: Array,
+    step: Array,
+    here: Array,
+    misfit: Callable[[Array], float],
 ) -> tuple[Array, Array]:
-    """A step from ratios, as far as the beam can be held, and what is simulated there."""
+    """A step from ratios, as far as the beam can be held and comes nearer; what is there."""
+    least = misfit(here)
     for share in _SHARES:
         try:
-            return ratios + share * step, simulated(ratios + share * step)
+            there = simulated(ratios + share * step)
         except FAILURES:  # half as far
             continue
+        if misfit(there) < least:
+            return ratios + share * step, there
     return ratios, here
 
 
