@@ -244,8 +244,11 @@ def test_what_a_structure_cannot_have_is_not_named_on_it_alone():
         with_effects=lambda parts: [p for p in parts if p.effect.name == "magnet"]
     )
     asked = partial(Rounds._checked, SimpleNamespace(structure=beam))
-    found = asked(Said("named", tuned, (tuned, hum, magnet), (tuned,)))
-    assert found.verdict == "ambiguous" and found.rivals == (tuned, magnet)
+    both = Said("named", tuned, (tuned, hum, magnet), (tuned,))
+    alone = replace(both, compared=(tuned, hum))
+    for reports in ([both], [both, alone]):
+        found = asked(reports[-1], reports)
+        assert found.verdict == "ambiguous" and found.rivals == (tuned, magnet)
     for best, compared in ((hum, (hum, magnet)), (magnet, (magnet,)), (tuned, (tuned, hum))):
         said = Said("named", best, compared)
-        assert asked(said) is said
+        assert asked(said, [said]) is said

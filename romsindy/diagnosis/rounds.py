@@ -155,19 +155,23 @@ class Rounds:
                 names_of(h): h for h in seen if family_of([h.names, report.best.names])
             }
             report = undecided(report, self.doubtful)
-        return Outcome(self._checked(report), parts, found)
+        return Outcome(self._checked(report, reports), parts, found)
 
-    def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
+    def _checked(
+        self, report: DiagnosisReport, reports: Sequence[DiagnosisReport]
+    ) -> DiagnosisReport:
         """A report that names nothing on the structure which this cannot have, and so not refute.
 
-        The likeliest that it can have is told beside it. What the measurement adds needs no check.
+        The likeliest that it can have, by the last of all ``reports`` that compared such, is told
+        beside it. What the measurement adds needs no check.
         """
         own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
         if len(self.structure.with_effects(own)) == len(own):
             return report
         there = (
             h
-            for h in report.compared
+            for r in reversed(reports)
+            for h in r.compared
             if h.effects and len(self.structure.with_effects(h.effects)) == len(h.effects)
         )
         nearest = next(there, None)
