@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -243,7 +242,10 @@ def test_what_a_structure_cannot_have_is_not_named_on_it_alone():
     beam = SimpleNamespace(
         with_effects=lambda parts: [p for p in parts if p.effect.name == "magnet"]
     )
-    asked = partial(Rounds._checked, SimpleNamespace(structure=beam))
+
+    def asked(said, looked):
+        return Rounds._checked(SimpleNamespace(structure=beam, looked=looked), said)
+
     both = Said("named", tuned, (tuned, hum, magnet), (tuned,))
     alone = replace(both, compared=(tuned, hum))
     for reports in ([both], [both, alone]):

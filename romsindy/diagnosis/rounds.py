@@ -71,6 +71,7 @@ class Rounds:
     refuted: dict[Names, float] = field(default_factory=dict)
     # What rounds that took turns had said, of the family of the last: see `EffectFamily`
     doubtful: dict[Names, Hypothesis] = field(default_factory=dict)
+    looked: list[DiagnosisReport] = field(default_factory=list)  # all that was said so far
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
     clear: list[int] = field(init=False)  # numbers of the records that tell of the coordinate
@@ -132,6 +133,7 @@ class Rounds:
         for _ in range(_ROUNDS + 1):
             report = self._look(self.sought(effects, parts), found, most)
             reports.append(report)
+            self.looked.append(report)
             if report.interrupted:
                 return Outcome(report, (), before, "the search was stopped")
             if last is not None and self._refutes(report, last[0], parts):
@@ -155,14 +157,12 @@ class Rounds:
                 names_of(h): h for h in seen if family_of([h.names, report.best.names])
             }
             report = undecided(report, self.doubtful)
-        return Outcome(self._checked(report, reports), parts, found)
+        return Outcome(self._checked(report), parts, found)
 
-    def _checked(
-        self, report: DiagnosisReport, reports: Sequence[DiagnosisReport]
-    ) -> DiagnosisReport:
+    def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
         """A report that names nothing on the structure which this cannot have, and so not refute.
 
-        The likeliest that it can have, by the last of all ``reports`` that compared such, is told
+        The likeliest that it can have, by the last look that compared such, is told
         beside it. What the measurement adds needs no check.
         """
         own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
@@ -170,7 +170,7 @@ class Rounds:
             return report
         there = (
             h
-            for r in reversed(reports)
+            for r in reversed(self.looked)
             for h in r.compared
             if h.effects and len(self.structure.with_effects(h.effects)) == len(h.effects)
         )
