@@ -71,7 +71,8 @@ def diagnose_model(
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, records, as_it_was, own)
-    found = _that_matter(search, explained, found)
+    # The reduction of a structure is known no better than to a tolerance.
+    found = found if own_values else _that_matter(search, explained, found)
     known = agree or found.interrupted
     plain = [slack] if known else without_effects(search, slack, found.base, others)
     usual = over_all(options.tolerance, as_it_was.differences_before)
