@@ -27,7 +27,7 @@ from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
 from romsindy.diagnosis.on_beam.parameters import damping_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
-from romsindy.diagnosis.rounds import undecided
+from romsindy.diagnosis.rounds import Rounds, undecided
 from romsindy.effects import AtPoint, Damper, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
@@ -221,3 +221,36 @@ def test_explanations_that_take_turns_are_told_together():
         assert undecided(said, doubts) is said
     assert family_of([density.names, clamp.names]) == "linear frequency"
     assert family_of([density.names, ("viscous",)]) is None
+
+
+def test_what_a_structure_cannot_have_is_not_named_on_it_alone():
+    """It could not be refuted; a fault of the measurement needs no structure."""
+
+    @dataclass(frozen=True)
+    class Said:
+        verdict: str
+        best: SimpleNamespace
+        compared: tuple
+        rivals: tuple = ()
+
+    def of(name, family):
+        effect = SimpleNamespace(effect=SimpleNamespace(name=name, family=family))
+        return SimpleNamespace(names=(name,), effects=(effect,))
+
+    tuned, hum = of("tuned_mass", "inertia"), of("mains_hum", "outside")
+    magnet = of("magnet", "stiffness")
+    beam = SimpleNamespace(
+        with_effects=lambda parts: [p for p in parts if p.effect.name == "magnet"]
+    )
+
+    def asked(said, looked):
+        return Rounds._checked(SimpleNamespace(structure=beam, looked=looked), said)
+
+    both = Said("named", tuned, (tuned, hum, magnet), (tuned,))
+    alone = replace(both, compared=(tuned, hum))
+    for reports in ([both], [both, alone]):
+        found = asked(reports[-1], reports)
+        assert found.verdict == "ambiguous" and found.rivals == (tuned, magnet)
+    for best, compared in ((hum, (hum, magnet)), (magnet, (magnet,)), (tuned, (tuned, hum))):
+        said = Said("named", best, compared)
+        assert asked(said, [said]) is said

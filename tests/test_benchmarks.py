@@ -423,6 +423,16 @@ def test_trials_of_damping_hide_linear_damping_alone(benchmark):
     assert sorted(chosen) == sorted(2 * ["damper", "alpha", "damper", "eta"])
 
 
+@benchmark_of("exudyn_trials")
+def test_trials_of_what_is_mounted_hide_each_in_turn(benchmark):
+    bare = replace(benchmark.nominal("cantilever", np.random.default_rng(0)), spring=None)
+    chosen = [benchmark._chosen("bent_mounted", seed, bare) for seed in range(8)]
+    assert sorted([*chosen, "spring_stiffness"]) == sorted(benchmark.MOUNTED)
+    # What can stretch has a modulus beside its stiffness.
+    called = [benchmark._called("modulus", supports) for supports in ("clamped", "cantilever")]
+    assert called == ["modulus", "bending_stiffness"]
+
+
 @benchmark_of("marked")
 def test_a_diagnosis_that_fails_is_counted(benchmark):
     def refuses():

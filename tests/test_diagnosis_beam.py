@@ -123,7 +123,7 @@ def test_what_a_beam_leaves_on_its_reference_does_not_matter():
     frequencies = [b.modes(count=1).omega[0] for b in (BEAM, truth)]
     shift = abs(frequencies[0] / frequencies[1] - 1)
     # Of the largest part: bending has another share of the stiffness there than at rest.
-    assert shift < report.reduced.tolerance.frequency < 1.5 * shift
+    assert 0.9 * shift < report.reduced.tolerance.frequency < 1.5 * shift
 
 
 class MiddleDamper(Damper):

@@ -51,8 +51,18 @@ def test_a_release_is_read_as_far_as_the_beam_can_be_held():
 
     here = simulated(np.array([0.1]))
     for step, reached in ((0.1, 0.2), (0.4, 0.3), (0.7, 0.275), (2.0, 0.1)):
-        ratios, found = _towards(simulated, np.array([0.1]), np.array([step]), here)
+        start = np.array([0.1])
+        ratios, found = _towards(simulated, start, np.array([step]), here, lambda x: -x[0])
         np.testing.assert_allclose([ratios[0], found[0]], [reached, 10 * reached])
+
+
+def test_a_release_is_read_no_further_than_it_comes_nearer():
+    """Where the whole step leads beyond what was measured by more than it was short, half of it."""
+    here = 10 * (start := np.array([0.1]))
+    given = (lambda ratios: 10 * ratios, start, np.array([0.2]), here)
+    for measured, reached in ((3.0, 0.3), (1.8, 0.2), (1.3, 0.15), (0.9, 0.1)):
+        ratios, _ = _towards(*given, lambda x, to=measured: abs(x[0] - to))
+        assert ratios[0] == pytest.approx(reached)
 
 
 def test_a_load_that_cannot_hold_the_beam_was_not_its_release():

@@ -84,6 +84,7 @@ def test_nothing_is_missing(right):
     assert "They agree" in report.sentence and "1 % of the response, as noise" in report.sentence
 
 
+@pytest.mark.slow
 def test_drag_is_named_with_its_strength():
     report = rs.diagnose(model(), record(2, drag))
     (found,) = report.effects
@@ -228,6 +229,7 @@ def test_a_mass_is_told_from_stiffness_by_a_known_gain():
     assert "Next: at no level that was simulated" in report.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "law", "truth"),
     [
@@ -236,11 +238,10 @@ def test_a_mass_is_told_from_stiffness_by_a_known_gain():
             lambda q, v, z: (40.0 * z, v - z / 0.05),
             {"strength": 40.0, "relaxation": 0.05},
         ),
-        pytest.param(
+        (
             "bouc_wen",
             lambda q, v, z: (30.0 * z, v - abs(v) * z / 0.02),
             {"strength": 30.0, "slip": 0.02},
-            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -254,6 +255,7 @@ def test_a_force_that_remembers_is_named(name, law, truth):
         assert abs(found.values[value] - true) < 4 * error < 0.1 * true
 
 
+@pytest.mark.slow
 def test_a_difference_within_the_stated_tolerance_is_none():
     """0.2 % of the frequency is 11 % of the response in resonance."""
     off = record(11, stiff=1.004)
@@ -266,6 +268,7 @@ def test_a_difference_within_the_stated_tolerance_is_none():
     assert closer.verdict == "named" and closer.best.names == ("linear_frequency",)
 
 
+@pytest.mark.slow
 def test_what_is_beyond_the_tolerance_is_named_beside_it():
     report = rs.diagnose(model(), record(12, drag), catalogue=FEW, tolerance=0.003)
     assert report.verdict == "named" and report.best.names == ("quadratic_drag",)

@@ -245,11 +245,13 @@ OPEN = {
 }
 
 
-def verdict_for(plain=None, effect=None, *, beyond=True, tolerance=BEYOND, form=NO_FORM_ERROR):
+def verdict_for(
+    plain=None, effect=None, *, beyond=True, tolerance=BEYOND, form=NO_FORM_ERROR, exact=True
+):
     """The verdict on a gap that is beyond the tolerance or not, and whether it is small."""
     as_it_was = SimpleNamespace(differences_before=[change(beyond)])
     without = explanation((), misfit=100.0).hypothesis
-    rule = Rule(as_it_was, without, without, tolerance, form)
+    rule = Rule(as_it_was, without, without, tolerance, form, exact)
     answer = rule.answer([plain or explanation(**OPEN)], effect)
     return answer.verdict + (", small" if answer.small else "")
 
@@ -293,6 +295,11 @@ def test_an_effect_is_named_where_it_is_sure_and_leaves_nothing_that_matters():
     small = explanation(changes=False)
     assert verdict_for(effect=small, beyond=False) == "named, small"
     assert verdict_for(effect=small, beyond=False, tolerance=stated) == "none"
+    # The reduction of a structure is known no better.
+    within = explanation(**OPEN, agrees=True)
+    assert verdict_for(within, small, beyond=False) == "named, small"
+    assert verdict_for(within, small, beyond=False, exact=False) == "none"
+    assert verdict_for(effect=explanation(), beyond=True, exact=False) == "named"
     hardly = explanation(changes=False, misfit=80.0)  # gains 20, less than five standard errors
     assert verdict_for(effect=hardly, beyond=False) == "none"
 

@@ -18,7 +18,15 @@ from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.report import BeamReport, in_interval
-from romsindy.effects import Damper, Hum, Hysteretic, LinearFrequency, MoreMass, Viscous
+from romsindy.effects import (
+    CubicStiffness,
+    Damper,
+    Hum,
+    Hysteretic,
+    LinearFrequency,
+    MoreMass,
+    Viscous,
+)
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
 
@@ -111,7 +119,10 @@ def test_a_beam_has_the_damping_of_its_changes(seen):
     q = 0.01 * np.exp(-beam.alpha / 2 * t) * np.cos(omega * t)
     heard = Record.of(rs.add_noise(rs.Decay(t, q, unit="kg^0.5 m"), 40, 0), 1e-4)
     by_mass, by_stiffness = damping_effects(curve)
-    (damper,) = mounted_effects(curve, [Damper()])
+    damper, *others = mounted_effects(curve, [Damper()])
+    # What does the same to one mode as others is tried at some points, what does not at the tip.
+    assert [e.mounting.at / beam.length for e in others] == [0.25, 0.5, 0.75]
+    assert len(mounted_effects(curve, [CubicStiffness()])) == 1
     tip = np.vdot(beam.point_load((0.0, 1.0)), seen.basis.shapes[0])
     for effect, added in ((by_mass, 1.0), (by_stiffness, omega**2), (damper, tip**2)):
         found = small_vibration(model, [part(effect, 0.1)], heard)[1]
@@ -148,7 +159,7 @@ def test_the_recipe_of_a_family_needs_no_place(seen):
         f"Missing: {Damper.label} {there}, 0.02 N s/m, or a stop at 0.232 m."
     )
     untold = PlaceOnBeam(0.32, 0.21, 0.45, 0.45, strengths=(0.09, 0.018))
-    (damper,) = mounted_effects(curve, [Damper()])  # at the tip, where the mode moves most
+    damper, *_ = mounted_effects(curve, [Damper()])  # at the tip, where the mode moves most
     best = said(part(damper, 0.02))
     alone.best, alone.model = best, SimpleNamespace(unit="kg^0.5 m")
     anywhere = BeamReport(reduced=alone, **given, place=untold)

@@ -68,11 +68,11 @@ def _strength(report) -> list[float]:
     return [value - _TOLD * error, value + _TOLD * error]
 
 
-def any_of(kinds: Sequence[str]) -> Callable[[int, Path], dict]:
-    """Trials of several kinds in turn, told exactly."""
+def any_of(kinds: Sequence[str], which: str = "exact") -> Callable[[int, Path], dict]:
+    """Trials of several kinds in turn, told "exact" or "wrong"."""
 
     def one(seed: int, folder: Path) -> dict:
-        return beams(kinds[seed % len(kinds)], "exact")(seed, folder)
+        return beams(kinds[seed % len(kinds)], which)(seed, folder)
 
     return one
 

@@ -37,6 +37,18 @@ NAMES = {
 AT_A_PLACE = ("damper", "friction", "stop", "gap", "cubic", "magnet", "mass")
 # A damper anywhere, which is at the tip in two of five, as often as both others.
 LINEAR_DAMPING = ("damper", "alpha", "damper", "eta")
+# What acts on a beam, sits on it or holds it.
+MOUNTED = (
+    "damper",
+    "friction",
+    "drag",
+    "cubic",
+    "stop",
+    "magnet",
+    "mass",
+    "compliance",
+    "spring_stiffness",
+)
 OF_A_SPRING = ("spring_stiffness", "pre_tension")
 
 

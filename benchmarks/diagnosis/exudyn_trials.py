@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from beam_truth import BeamTruth, Spring
-from exudyn_forces import LINEAR_DAMPING, NAMES, OF_A_SPRING, Mode, with_hidden
+from exudyn_forces import LINEAR_DAMPING, MOUNTED, NAMES, OF_A_SPRING, Mode, with_hidden
 from noises import COLOURS, noises
 
 import romsindy as rs
@@ -42,8 +42,8 @@ class Kind:
     def pace(self, supports: str) -> tuple[float, float, int]:
         """Step, s, length of a record, s, and steps between samples.
 
-        The integrator delays the first mode by (omega h)^2 / 12, less than 4e-5; a tip force
-        and a hit ring the second as well, so that they take shorter steps.
+        The integrator delays the first mode by (omega h)^2 / 12, less than 4e-5; forces at
+        points and a hit ring the second as well, so that they take shorter steps.
         """
         if supports != "cantilever":
             return 1.25e-4, 2.0, 12
@@ -57,6 +57,10 @@ KINDS = {
     "clamped": Kind("modal", ("clamped",)),
     "tip_damping": Kind("tip", hidden=LINEAR_DAMPING),
     "modal_damping": Kind("modal", hidden=LINEAR_DAMPING),
+    "tip_mounted": Kind("tip", hidden=MOUNTED),
+    "modal_mounted": Kind("modal", hidden=MOUNTED),
+    "hit_mounted": Kind("hit", hidden=MOUNTED),
+    "bent_mounted": Kind("bent", hidden=MOUNTED),
 }
 # Relative standard deviations of what a diagnosis is told wrongly; positions in m.
 TOLERANCES = {
@@ -222,7 +226,7 @@ def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
     wrong, tolerances = told_wrong(plain, sensors, rng)
     told = {"exact": exact, "wrong": wrong, "tolerances": tolerances}
     said = {
-        "effects": {} if nothing else {NAMES[hidden]: values},
+        "effects": {} if nothing else {_called(hidden, supports): values},
         "strength": "none" if nothing else "medium",
         "noise": colour,
         "snr_db": snr_db,
@@ -243,6 +247,12 @@ def _chosen(kind: str, seed: int, plain) -> str:
     return known[order.permutation(len(known))[seed % len(known)]]
 
 
+def _called(hidden: str, supports: str) -> str:
+    """What a diagnosis calls it: a beam that can stretch has a modulus beside its stiffness."""
+    stretches = hidden == "modulus" and supports != "cantilever"
+    return "modulus" if stretches else NAMES[hidden]
+
+
 def _sensors(length: float, cantilever: bool, rng: np.random.Generator) -> list[float]:
     """Four to six, spread along the beam."""
     count = int(rng.integers(4, 7))
@@ -261,9 +271,12 @@ def _measured(truth, elements, how, top, point, sensors, omega, rng):
     step, duration, every = how.pace(truth.supports)
     _, shape, modal = beam.mode(rest)
     pattern = modal
-    if how.release == "tip":
+    if how.release in ("tip", "bent"):
         pattern = np.zeros_like(modal)
         pattern[3 * node + 1] = 1.0
+    if how.release == "bent":  # at a second point as well, to either side
+        second = int(np.argmin(np.abs(beam.x - rng.uniform(0.4, 0.7) * truth.length)))
+        pattern[3 * second + 1] = rng.uniform(-1.5, 1.5)
     found = []
     for share in (1.0, rng.uniform(0.55, 0.7), rng.uniform(0.75, 0.9)):
         height = share * top * rng.choice([-1.0, 1.0])

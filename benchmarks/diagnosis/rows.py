@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,8 +101,13 @@ def _null(kind: str) -> Row:
     return Row(f"null_{kind}", 40, asked, reduced(f"null_{kind}"))
 
 
+def _nulls(kinds: Sequence[str]) -> list[str]:
+    return [f"{kind}_null" for kind in kinds]
+
+
 _NO_EFFECT = "a parameter or none; an effect named in at most 1 of the 80"
 _OTHERS = ("tip", "hit", "clamped")
+_MOUNTED = ("tip_mounted", "modal_mounted", "hit_mounted", "bent_mounted")
 ROWS = {
     row.name: row
     for row in (
@@ -129,6 +134,10 @@ ROWS = {
         Row("beam_others", 60, "51 / 57 / at most 1 of 60", any_of(_OTHERS)),
         Row("beam_damping_tip", 20, "80 % right, 1 of 40 wrong", beams("tip_damping", "exact")),
         Row("beam_damping_modal", 20, "family told in 95 %", beams("modal_damping", "exact")),
-        Row("beam_others_null", 30, "no effect named", any_of([f"{k}_null" for k in _OTHERS])),
+        Row("beam_mounted_exact", 60, "88 / 94 / 1 %", any_of(_MOUNTED)),
+        Row("beam_mounted_wrong", 60, "80 / 90 / 2 %", any_of(_MOUNTED, "wrong")),
+        Row("beam_mounted_null_exact", 40, "none named; 39", any_of(_nulls(_MOUNTED))),
+        Row("beam_mounted_null_wrong", 40, "none named; 38", any_of(_nulls(_MOUNTED), "wrong")),
+        Row("beam_others_null", 30, "no effect named", any_of(_nulls(_OTHERS))),
     )
 }

@@ -20,7 +20,12 @@ from joblib import Parallel, delayed
 from rows import ROWS
 from score import line, problems
 
-_PLACED = ("beam_exact", "beam_others", "beam_damping_tip")  # rows whose forces have a place
+_PLACED = (
+    "beam_exact",
+    "beam_others",
+    "beam_damping_tip",
+    "beam_mounted_exact",
+)  # rows whose forces have a place
 
 
 def results_of(name: str, seeds: list[int], folder: Path, jobs: int, again: bool) -> list[dict]:

@@ -15,28 +15,13 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.found import titles, value_with_error
+from romsindy.effects.choices import DAMPING, FAMILIES, FREQUENCY
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.part import Part, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.text import listed, with_error
 
-DAMPING, FREQUENCY = "linear damping", "linear frequency"
-# In the order in which they are tried: what needs no place first.
-MEMBERS = {
-    DAMPING: ("mass_damping", "material_damping", "viscous", "hysteretic"),
-    FREQUENCY: (
-        "linear_frequency",
-        "bending_stiffness",
-        "modulus",
-        "density",
-        "thickness",
-        "length",
-        "width",
-        "clamp_compliance",
-        "added_mass",
-    ),
-}
 _SMALL = 1e-3  # of the amplitude of a record: what is cubic is a part in a million
 _SAMPLES = 256  # of a turn
 
@@ -86,7 +71,7 @@ class EffectFamily:
 
         # The strength of what acts at a point has the error of its place, which the mode has not.
         least = min(map(error, rivals))
-        tried = sorted(rivals, key=lambda h: MEMBERS[name].index(h.names[0]))
+        tried = sorted(rivals, key=lambda h: FAMILIES[name].index(h.names[0]))
         return cls(name, of_parts(()), of_parts(rivals[0].parts), least, tuple(tried))
 
     @property
@@ -144,7 +129,7 @@ def small_vibration(
 
 def family_of(said: Sequence[tuple[str, ...]]) -> str | None:
     """The family of which all explanations, by their names, are members; None if of none."""
-    for name, members in MEMBERS.items():
+    for name, members in FAMILIES.items():
         if all(len(n) == 1 and n[0] in members for n in said):
             return name
     return None

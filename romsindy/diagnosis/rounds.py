@@ -27,6 +27,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
 _ROUNDS = 5
+_STARTS = 4  # times that the starts of records are read again
 _ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
 _NEAR = 0.02  # of the gap in the coordinate: so much what is wrong may leave of it
 _AS_LITTLE = 50.0  # twice the logarithm of odds
@@ -66,13 +67,18 @@ class Rounds:
     form: FormError = NO_FORM_ERROR  # of the structure, as its reference records show it
     # What other modes say of effects, see `Hypothesis`
     elsewhere: dict[Names, float] = field(default_factory=dict)
+    # What explanations leave more, once they were simulated, than their equation said
+    refuted: dict[Names, float] = field(default_factory=dict)
     # What rounds that took turns had said, of the family of the last: see `EffectFamily`
     doubtful: dict[Names, Hypothesis] = field(default_factory=dict)
+    looked: list[DiagnosisReport] = field(default_factory=list)  # all that was said so far
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
+    clear: list[int] = field(init=False)  # numbers of the records that tell of the coordinate
 
     def __post_init__(self) -> None:
         self.smooth = list(self.records)
+        self.clear = list(range(len(self.records)))
         self.parallel = Parallel(self.options.n_jobs if self.structure.apart else 1)
 
     @property
@@ -83,8 +89,10 @@ class Rounds:
     def begin(self) -> list[Corrected]:
         """Simulate the structure as it is."""
         found = self.simulate(())
-        if any(self._depends_on_start(*row) for row in zip(found, self.records, strict=True)):
-            found = self.simulate(())  # from starts that are read without the ringing
+        for _ in range(_STARTS):
+            if not any(map(self._depends_on_start, found, self.records)):
+                break
+            found = self.simulate(())  # from starts that are read without the defect
         sensed = [self.structure.coordinate(c.readings) for c in found]
         self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
         return found
@@ -107,8 +115,7 @@ class Rounds:
         rows = zip(self.records, self.raw, self.releases, self.smooth, strict=True)
         tasks = (delayed(corrected)(self.structure, self.model, parts, *row) for row in rows)
         found: list[Corrected] = list(self.parallel(tasks))
-        self.releases = [c.release for c in found]
-        self.smooth = [Record.of(c.decay, self.options.floor) for c in found]
+        self.return_to(found)
         return found
 
     def run(
@@ -122,16 +129,23 @@ class Rounds:
         """
         most, found = 1, before
         reports: list[DiagnosisReport] = []
+        last: tuple[DiagnosisReport, list[Corrected], tuple[Part, ...]] | None = None
         for _ in range(_ROUNDS + 1):
-            report = self._look(effects, found, most)
+            report = self._look(self.sought(effects, parts), found, most)
             reports.append(report)
+            self.looked.append(report)
             if report.interrupted:
                 return Outcome(report, (), before, "the search was stopped")
+            if last is not None and self._refutes(report, last[0], parts):
+                (_, found, parts), last = last, None
+                self.return_to(found)
+                continue
             if self._settled(parts, report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
                     break
                 most = self.options.max_effects
                 continue
+            last = report, found, parts
             parts = self.next_parts(parts, self._simulated_of(report).parts)
             try:
                 found = self.simulate(parts)
@@ -143,7 +157,51 @@ class Rounds:
                 names_of(h): h for h in seen if family_of([h.names, report.best.names])
             }
             report = undecided(report, self.doubtful)
-        return Outcome(report, parts, found)
+        return Outcome(self._checked(report), parts, found)
+
+    def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
+        """A report that names nothing on the structure which this cannot have, and so not refute.
+
+        The likeliest that it can have, by the last look that compared such, is told
+        beside it. What the measurement adds needs no check.
+        """
+        own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
+        if len(self.structure.with_effects(own)) == len(own):
+            return report
+        there = (
+            h
+            for r in reversed(self.looked)
+            for h in r.compared
+            if h.effects and len(self.structure.with_effects(h.effects)) == len(h.effects)
+        )
+        nearest = next(there, None)
+        return report if nearest is None else undecided(report, {names_of(nearest): nearest})
+
+    def _refutes(
+        self, report: DiagnosisReport, last: DiagnosisReport, parts: Sequence[Part]
+    ) -> bool:
+        """Whether nothing explains a structure with some parts, which had seemed to explain all.
+
+        On the structure they do more than their equation says: what they leave counts from now on.
+        """
+        names = names_of(self._simulated_of(last))
+        on_it = {p.effect.name for p in parts}
+        if last.verdict == "unknown" or report.verdict != "unknown" or not names <= on_it:
+            return False
+        same = (h for h in (report.best, *report.compared) if names_of(h) == names)
+        left = next(same, report.best).at(last.best.noise).misfit - last.best.misfit
+        if left > EQUIVALENT:
+            self.refuted[names] = self.refuted.get(names, 0.0) + left
+        return left > EQUIVALENT
+
+    def return_to(self, found: Sequence[Corrected]) -> None:
+        """Go on from what was simulated before."""
+        self.releases = [c.release for c in found]
+        self.smooth = [Record.of(c.decay, self.options.floor) for c in found]
+
+    def sought(self, effects: Sequence[Effect], parts: Sequence[Part]) -> Sequence[Effect]:
+        """Effects to look for where some parts are on the structure."""
+        return effects
 
     def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
         """What stands in the equation for parts that are on the structure."""
@@ -156,11 +214,13 @@ class Rounds:
     def _look(
         self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
     ) -> DiagnosisReport:
-        decays = [c.decay.between(start) for c, start in zip(found, self.calm, strict=True)]
-        test = decays[-1] if self.held_out else None
+        decays = [found[i].decay.between(self.calm[i]) for i in self.clear]
+        n_training = sum(i < self.n_training for i in self.clear)
+        test = decays[-1] if n_training < len(decays) else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
-        training = decays[: self.n_training]
-        known = chosen, self.form, False, self.elsewhere
+        training = decays[:n_training]
+        counts = {n: self.elsewhere.get(n, 0.0) + x for n, x in self.refuted.items()}
+        known = chosen, self.form, False, {**self.elsewhere, **counts}
         return self.look(self.model, training, test, self.unsure, {}, *known)
 
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.kernel.collocation import integrate
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import SIGNALS, Decay
 from romsindy.record.noise import Noise
@@ -146,6 +147,11 @@ def start_of(
     return float(q), float(q_dot)
 
 
+def linear_parts(record: Record) -> list[Part]:
+    """Linear stiffness and damping as what is missing beside a record."""
+    return [Part.of(e, scales([record]), 1) for e in (LinearFrequency(), Viscous())]
+
+
 def calm_from(record: Record, readings: Array) -> float:
     """Time from which on a simulated beam, seen in the coordinate, follows a record well.
 
@@ -182,3 +188,15 @@ def sensor_errors(
     before, after = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
     told = before / noise, after / noise, after / np.std(readings, axis=0), noise
     return tuple(SensorError(*row) for row in zip(labels, *told, strict=True))
+
+
+def with_signal(decay: Decay, signal: Array) -> Decay:
+    """The same with another signal (n,) in the place of what its sensor gave."""
+    given: dict[str, Any] = {SIGNALS[decay.derivative]: signal}
+    return replace(decay, **given)
+
+
+def as_measured(record: Record, simulated: Array) -> Record:
+    """A record of a simulated signal (n,), with the noise of a measured one: as much is learnt."""
+    own = Record.of(with_signal(record.decay, simulated), 1e-4)
+    return replace(own, noise=record.noise, doubts=record.doubts, first=record.first)

@@ -3,8 +3,8 @@
 What needs no effect is asked first: what the measurement itself may add, and other values of the
 model. Where that leaves nothing beyond the tolerance it is the answer, "none" or "named" by
 whether the change of the values matters; else an effect is, if it is sure and leaves nothing that
-matters. An effect may be told although it is small only where no tolerance was stated, and where it
-is beyond doubt.
+matters. An effect may be told although it is small only where no tolerance was stated, where the
+model is the simulation and no reduction of it, and where it is beyond doubt.
 """
 
 from __future__ import annotations
@@ -140,6 +140,7 @@ class Rule:
     linear: Hypothesis
     tolerance: Tolerance
     form: FormError  # of the model, as its reference record shows it
+    exact: bool = True  # whether the model is the simulation: its reduction misses small things
 
     def answer(self, values: Sequence[Explanation], effect: Explanation | None) -> Answer:
         """Weigh what needs no effect, and the best effect, if any.
@@ -155,7 +156,8 @@ class Rule:
         plainer = effect is not None and not (moved and plain.needs_fewer(effect))
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
-            return Answer("named", effect, small=small)
+            if self.exact or not small:
+                return Answer("named", effect, small=small)
         seen_through = effect is not None and self._sees_through(plain, likeliest, effect)
         if enough and not seen_through:
             if not moved:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -71,13 +71,15 @@ def diagnose_model(
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, records, as_it_was, own)
+    # The reduction of a structure is known no better than to a tolerance.
+    found = found if own_values else _that_matter(search, explained, found)
     known = agree or found.interrupted
     plain = [slack] if known else without_effects(search, slack, found.base, others)
     usual = over_all(options.tolerance, as_it_was.differences_before)
     values = [_without_small(h, model, usual) for h in plain]
     best = found.rivals[0]
     effect = explained(_snapped(search, best, records.compared)) if best.names else None
-    rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form)
+    rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form, own_values)
     answer = rule.answer([explained(h) for h in values], effect)
     rivals = _rivals(answer, found, values, answer.explanation is effect)
     return _report(search, records, as_it_was, found, answer, rivals)
@@ -137,12 +139,37 @@ def _validated(
     search: DecaySearch, exact: Hypothesis, found: Finding, records: _Records
 ) -> tuple[Finding, _Records]:
     """The finding by what took no part; records without tests where these cannot tell."""
+    if found.rivals[0].weighed is None:  # the best has no motion, and foretells none
+        return found, records
     validation = Validation(search, exact, records.compared, unseen=bool(records.tests))
     found, least = validation.weighed(found)
     if not records.tests:
         return _with_plain_values(found), records
     found, blind = validation.useful(found, least)
     return found, replace(records, tests={}) if blind else records
+
+
+def _that_matter(
+    search: DecaySearch, explained: Callable[[Hypothesis], Explanation], found: Finding
+) -> Finding:
+    """The finding with fewer of several effects, where what these say is within the tolerance.
+
+    What is in the measurement changes no motion, and stays.
+    """
+    best = found.rivals[0]
+    while len(best.effects) > 1 and not (found.interrupted or search.options.over):
+        whole, tolerance = explained(best), search.options.tolerance
+        fewer = [
+            h
+            for h, part in zip(search.without_one(best, found.compared), best.effects, strict=True)
+            if h.solution.finite and part.effect.family not in ("measurement", "outside")
+        ]
+        alike = [h for h in fewer if not explained(h).differs(whole, tolerance)]
+        if not alike:
+            break
+        best = search.ranked(alike)[0]
+        found = search.finding(best, found)
+    return found
 
 
 def _report(

@@ -53,6 +53,22 @@ _LEFT_OUT = {
     "beam": ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity"),
     "driven": ("second_mode", "bias"),
 }
+DAMPING, FREQUENCY = "linear damping", "linear frequency"
+# Effects that do the same to one mode, as they are tried: what needs no place first.
+FAMILIES = {
+    DAMPING: ("mass_damping", "material_damping", "viscous", "hysteretic"),
+    FREQUENCY: (
+        "linear_frequency",
+        "bending_stiffness",
+        "modulus",
+        "density",
+        "thickness",
+        "length",
+        "width",
+        "clamp_compliance",
+        "added_mass",
+    ),
+}
 PLACES = frozenset(place for _, places in _TABLE for place in places.split())
 
 

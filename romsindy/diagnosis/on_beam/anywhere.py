@@ -12,7 +12,7 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
 from romsindy.diagnosis.on_beam.place import PLACE_ERRORS, PlaceOnBeam
-from romsindy.effects.base import State
+from romsindy.effects.base import Effect, State
 from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part
@@ -22,18 +22,16 @@ from romsindy.typing import Array
 _TOLD = 1.96  # standard errors of a strength to either side
 
 
-def can_be_anywhere(part: Part) -> bool:
+def can_be_anywhere(effect: Effect) -> bool:
     """Whether an effect acts at one point, which was not given."""
-    effect = part.effect
     if isinstance(effect, MountedEffect):
         usual = effect.effect.mounting
         return isinstance(usual, AtPoint) and usual.at is None
     return isinstance(effect, ParameterEffect) and effect.change is PointMass
 
 
-def place_now(seen: InstrumentedBeam, part: Part) -> float:
+def place_now(seen: InstrumentedBeam, effect: Effect) -> float:
     """Where an effect that can be anywhere is taken to act, m."""
-    effect = part.effect
     at = effect.mounting.at if isinstance(effect, MountedEffect) else effect.at  # type: ignore[attr-defined]
     return seen.beam.length if at is None else float(at)
 
@@ -92,7 +90,9 @@ def with_error_of_place(
     strong the effect is at its ends.
     """
     rows = zip(best.parts, best.solution.slices(), strict=True)
-    part, own = next((p, own) for p, own in rows if can_be_anywhere(p) and np.any(p.strengths))
+    part, own = next(
+        (p, own) for p, own in rows if can_be_anywhere(p.effect) and np.any(p.strengths)
+    )
     low, high = (moved_to(seen, part, at, record).values for at in (place.low, place.high))
     # Further apart by what the strength is unsure of at either end.
     error = float(best.covariance[own, own][0, 0]) ** 0.5

@@ -12,6 +12,7 @@ from joblib import delayed
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
     SimulatedReadings,
@@ -27,6 +28,7 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import (
     FAILURES,
+    STAND_INS,
     OnBeam,
     ReleaseLoad,
     read_release,
@@ -35,20 +37,58 @@ from romsindy.diagnosis.on_beam.defect import (
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
-from romsindy.diagnosis.on_beam.parameters import points
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
+from romsindy.diagnosis.structure import Corrected, as_measured
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
+_COHERENT = 0.1  # of a motion: so far may a beam be from it, and do the same beside its model
+_LOUD = 0.1  # of a motion: where other modes change it by so much, it is not that of the first
 _LISTENED = 3  # times, each with the best so far on the beam
 _MOST = 8  # explanations that are simulated
 _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
+
+
+def _far(record: Record, found: Corrected, sensed: Array) -> float:
+    """How far a simulated coordinate is from a record, over its motion."""
+    return float(np.std(record.signal - sensed) / np.std(record.signal))
+
+
+def _defect(record: Record, found: Corrected, sensed: Array) -> float:
+    """What was taken off a record, over its motion."""
+    return float(np.std(record.signal - found.decay.signal) / np.std(record.signal))
+
+
+def _off(record: Record, sensed: Array) -> Array:
+    """What a record has more of than a simulated coordinate: omega^2, c_linear.
+
+    At equal amplitudes: with another damping the beam is soon at others.
+    """
+    size, *measured = _courses(record)
+    others, *simulated = _courses(as_measured(record, sensed))
+    reached = (size > others.min()) & (size < others.max())
+    if not np.any(reached):
+        return np.zeros(2)
+    order = np.argsort(others)
+    more = [
+        np.mean(x[reached] - np.interp(size[reached], others[order], y[order]))
+        for x, y in zip(measured, simulated, strict=True)
+    ]
+    return 2 * np.array(more) * [record.rate, 1.0]
+
+
+def _courses(record: Record) -> tuple[Array, Array, Array]:
+    """Amplitude, angular frequency and rate of decay of a record, once a cycle."""
+    size = np.abs(record.spline.amplitudes(record.t)[:, 1])
+    faster = np.gradient(record.phase(record.t), record.t)
+    smaller = -np.gradient(np.log(size), record.t)
+    return size[record.cycles], faster[record.cycles], smaller[record.cycles]
 
 
 class _Begun(NamedTuple):
@@ -79,6 +119,68 @@ class BeamRounds(Rounds):
     def seen(self) -> InstrumentedBeam:
         """The beam with its sensors."""
         return self.structure.seen
+
+    @property
+    def loud(self) -> tuple[str, ...]:
+        """Records that say nothing of the coordinate, as they are called."""
+        names = [name_of(i) for i in range(self.n_training)] + [HELD_OUT] * self.held_out
+        return tuple(name for i, name in enumerate(names) if i not in self.clear)
+
+    def near_the_records(
+        self, effects: Sequence[Effect], found: list[Corrected]
+    ) -> tuple[list[Corrected], tuple[Part, ...]]:
+        """The beam with what brings it near the records, where it is far from them as it is.
+
+        Its defect goes with its motion: a beam of another frequency or damping has another. Density
+        and damping of the mass stand for whatever is missing, until that is known. A record in
+        which the defect is as loud as what is looked for says little of the coordinate.
+        """
+        parts: tuple[Part, ...] = ()
+        if any(_far(*row) > _COHERENT for row in self._rows(found)):
+            parts = self._stand_ins(effects, found)
+        try:
+            found = self.simulate(parts) if parts else found
+        except FAILURES:
+            self.return_to(found)
+            parts = ()
+        clear = [i for i, row in enumerate(self._rows(found)) if _defect(*row) < _LOUD]
+        if clear and clear[0] < self.n_training:
+            self.clear = clear
+        return found, parts
+
+    def _rows(self, found: Sequence[Corrected]) -> list[tuple[Record, Corrected, Array]]:
+        """Records beside what was simulated, and its coordinate."""
+        sensed = [self.structure.coordinate(c.readings) for c in found]
+        return list(zip(self.records, found, sensed, strict=True))
+
+    def _stand_ins(self, effects: Sequence[Effect], found: Sequence[Corrected]) -> tuple[Part, ...]:
+        """Density and damping of the mass by which the records differ from what was simulated."""
+        rows = self._rows(found)[: self.n_training]
+        # A record in which other modes are loud tells little of the first.
+        weights = [1 / _defect(*row) ** 2 for row in rows]
+        off = [_off(record, sensed) for record, _, sensed in rows]
+        omega2, c_linear = np.average(off, axis=0, weights=weights)
+        by_name = {e.name: e for e in effects}
+        density, damping = (by_name[name] for name in STAND_INS)
+        change = omega2 / density.linear_shift(rows[0][0].rate ** 2)  # type: ignore[attr-defined]
+        return self._stand_in(density, change), self._stand_in(damping, c_linear)
+
+    def _stand_in(self, effect: Effect, strength: float) -> Part:
+        """A linear effect with a strength that it can have."""
+        part = Part.of(effect, scales(self.records), len(self.records))
+        least, most = (x[0] for x in part.limits())
+        return replace(part, strengths=np.full((1, 1), np.clip(strength, least, most)))
+
+    def sought(self, effects: Sequence[Effect], parts: Sequence[Part]) -> list[Effect]:
+        """Effects to look for: those that are on the beam already where they are.
+
+        The first mode says little of places; all sensors do, once it has told what acts.
+        """
+        movable = [p.effect for p in parts if can_be_anywhere(p.effect)]
+        there = {e.name: place_now(self.seen, e) for e in movable}
+        return [
+            e for e in effects if e.name not in there or place_now(self.seen, e) == there[e.name]
+        ]
 
     def over_all_sensors(
         self,
@@ -143,11 +245,11 @@ class BeamRounds(Rounds):
     ) -> tuple[tuple[Part, ...], float]:
         """An explanation on the beam, where all sensors have its effect; how far that is, m."""
         parts = self.structure.with_effects(best.parts)
-        movable = [p for p in parts if can_be_anywhere(p)]
+        movable = [p for p in parts if can_be_anywhere(p.effect)]
         if place is None:
             return parts, 0.0
         (part,) = movable
-        now, usual = place_now(self.seen, part), self.seen.usual
+        now, usual = place_now(self.seen, part.effect), self.seen.usual
         at = next((x for x in (usual, now) if place.holds(x)), place.at)
         if at == now:
             return parts, 0.0
@@ -180,7 +282,7 @@ class BeamRounds(Rounds):
         None where it would have to be stronger than the beam bears.
         """
         parts = self.structure.with_effects(h.parts)
-        movable = [p for p in parts if can_be_anywhere(p)]
+        movable = [p for p in parts if can_be_anywhere(p.effect)]
         try:
             starts = [self._start(i, parts) for i in range(len(read))]
             if len(movable) != 1:
@@ -212,7 +314,7 @@ class BeamRounds(Rounds):
     ) -> tuple[TriedOnBeam, list[list[Array]]]:
         """The beam with an effect that can be anywhere, at some points; what rings at each."""
         parts = self.structure.with_effects(h.parts)
-        (part,) = (p for p in parts if can_be_anywhere(p))
+        (part,) = (p for p in parts if can_be_anywhere(p.effect))
         moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
         several = [tuple(m if p is part else p for p in parts) for m in moved]
         # The coordinate begins otherwise with the same effect elsewhere, the release is the same.

@@ -21,9 +21,10 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.beam.motion import StepTooLongError
+from romsindy.diagnosis.all_sensors import without
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
-from romsindy.diagnosis.structure import Moved, start_of
+from romsindy.diagnosis.structure import Moved, linear_parts, start_of
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
@@ -43,7 +44,11 @@ _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differenc
 _TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
 _CYCLES = 3  # from which the release is read: noise hides in one what rings a little
 _SHARES = (1.0, 0.5, 0.25)  # of a step
-_ROUNDS = 2  # of reading the release: the motion is nearly linear in the higher modes
+# Of reading the release, until ratios change by less than this: the motion is nearly linear in
+# higher modes that ring little, and not in those that ring as loud as the first.
+_ROUNDS, _READ = 6, 0.03
+# What changes all modes alike, and so any first motion nearly as what is missing does.
+STAND_INS = ("density", "mass_damping")
 
 
 class ReleaseLoad(NamedTuple):
@@ -90,6 +95,18 @@ def read_release(
         motion = seen.motion(beam, q, (n - 0.5) * dt, dt, held, q_dot=q_dot, push=pushed)
         return motion[derivative]
 
+    def over_noise(columns: Sequence[Array]) -> Array:
+        return np.stack([(c / noise).ravel() for c in columns], axis=1)
+
+    def unread(here: Array) -> list[Array]:
+        """What is not the release: amplitude, damping, frequency and, where it moves, time."""
+        rate = np.gradient(here, dt, axis=0)
+        return [here, t * here, t * rate, *([rate] if unknown[-1] else [])]
+
+    def misfit(here: Array) -> float:
+        y = over_noise([measured[:n] - here])
+        return float(np.linalg.norm(without(y, over_noise(unread(here)))))
+
     ratios: Array = np.zeros(len(unknown))
     here = simulated(ratios)
     for _ in range(_ROUNDS if unknown.any() else 0):
@@ -98,27 +115,35 @@ def read_release(
             changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
         except FAILURES:  # what was read so far can be held
             break
-        rate = np.gradient(here, dt, axis=0)
-        columns = [*changes, here, t * here, t * rate, *([rate] if unknown[-1] else [])]
-        matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
+        matrix = over_noise([*changes, *unread(here)])
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
-        found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
+        found, *_ = np.linalg.lstsq(matrix, over_noise([measured[:n] - here])[:, 0], rcond=None)
         step = np.zeros(len(unknown))
         step[unknown] = (found / scale)[: len(steps)]
-        ratios, here = _towards(simulated, ratios, step, here)
+        last = ratios
+        ratios, here = _towards(simulated, ratios, step, here, misfit)
+        if np.abs(ratios - last).max() < _READ:
+            break
     held, pushed = _loads(forces, ratios)
     return ReleaseLoad(held, pushed, read=True)
 
 
 def _towards(
-    simulated: Callable[[Array], Array], ratios: Array, step: Array, here: Array
+    simulated: Callable[[Array], Array],
+    ratios: Array,
+    step: Array,
+    here: Array,
+    misfit: Callable[[Array], float],
 ) -> tuple[Array, Array]:
-    """A step from ratios, as far as the beam can be held, and what is simulated there."""
+    """A step from ratios, as far as the beam can be held and comes nearer; what is there."""
+    least = misfit(here)
     for share in _SHARES:
         try:
-            return ratios + share * step, simulated(ratios + share * step)
+            there = simulated(ratios + share * step)
         except FAILURES:  # half as far
             continue
+        if misfit(there) < least:
+            return ratios + share * step, there
     return ratios, here
 
 
@@ -178,6 +203,9 @@ class OnBeam:
     def start(
         self, model: ReducedModel, parts: Sequence[Part], record: Record
     ) -> tuple[float, float]:
+        there = {p.effect.name for p in parts}
+        if not there or there == set(STAND_INS):  # something is missing still
+            return start_of(model, linear_parts(record), record, fixed=False)
         return start_of(model, parts, record)
 
     def moved(

@@ -29,7 +29,8 @@ _MODES = 3  # that are told apart: of what is let go or hit, higher ones move li
 
 
 _ENERGY = 1e-3  # drift of the energy: 72 dB below the readings where a beam strikes a stop
-_SAMPLES = 16  # per cycle of the first mode, at least
+# Samples per cycle, at least: of the first mode, and of the highest that is told apart
+_SAMPLES, _WITHIN = 16, 2.5
 
 
 def projected_modes(n_sensors: int) -> int:
@@ -85,10 +86,10 @@ class InstrumentedBeam:
 
         Accelerations show them louder than displacements by the square of their frequencies.
         """
-        beyond = len(self.shapes.T)
-        f = self.beam.modes(count=beyond + 1).omega[[0, beyond]] / (2 * np.pi)
-        factor = min(np.ceil(0.5 / f[1] / decay.dt), np.floor(1 / (_SAMPLES * f[0]) / decay.dt))
-        factor = max(int(factor), 1)
+        told = len(self.shapes.T)
+        f = self.beam.modes(count=told + 1).omega / (2 * np.pi)
+        slow = min(1 / (_SAMPLES * f[0]), 1 / (_WITHIN * f[told - 1]))
+        factor = max(int(min(np.ceil(0.5 / f[told] / decay.dt), slow / decay.dt)), 1)
         signals: dict[str, Any] = {n: downsample(x, factor) for n, x in decay.signals.items()}
         return replace(decay, t=decay.t[::factor], **signals)
 

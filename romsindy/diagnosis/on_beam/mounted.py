@@ -21,8 +21,10 @@ from scipy.interpolate import CubicSpline
 
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.beam.structure import springs_of
+from romsindy.diagnosis.on_beam.place import some_points
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
+from romsindy.effects.choices import FAMILIES
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor
 from romsindy.physics.damping import Averaged, FrictionLaw
 from romsindy.physics.term import Term
@@ -217,6 +219,21 @@ class DampingEffect(BeamEffect):
         return strengths[0] * by_q, strengths[0] * self._resistance(inside), 0.0
 
 
+def _settled(
+    effect: TermEffect, where: Mounting, curve: StaticCurve, at: float | None
+) -> list[Mounting]:
+    """Where an effect is tried; one that may be anywhere at a place that is given, or the usual.
+
+    One that does the same to the first mode as others are is tried at some points: how it bends
+    with the amplitude there is what tells it from them.
+    """
+    if not isinstance(where, AtPoint) or where.at is not None:
+        return [where]
+    alike = any(effect.name in names for names in FAMILIES.values())
+    some = some_points(curve.beam, curve.point) if alike else [curve.point]
+    return [replace(where, at=x) for x in (some if at is None else [at])]
+
+
 def mounted_effects(
     curve: StaticCurve,
     catalogue: Sequence[TermEffect] = BEAM_CATALOGUE,
@@ -225,7 +242,7 @@ def mounted_effects(
     """The effects of a catalogue that can be on this beam, each at its place.
 
     One that may be anywhere is where ``places`` say, m by name; by default where the first mode
-    moves most.
+    moves most, and at some other points.
     """
     springs = springs_of(curve.beam)
     found = []
@@ -237,8 +254,7 @@ def mounted_effects(
             # Other loads may pull towards anchors of their own.
             where = replace(where, at=springs[0].at, anchor=springs[0].mounting.anchor)
         if where is not None:
-            settled = where.settled(curve.beam)
-            if isinstance(settled, AtPoint) and settled.at is None:
-                settled = replace(settled, at=(places or {}).get(effect.name, curve.point))
-            found.append(MountedEffect(effect, curve, settled))
+            at = (places or {}).get(effect.name)
+            settled = _settled(effect, where.settled(curve.beam), curve, at)
+            found += [MountedEffect(effect, curve, x) for x in settled]
     return tuple(found)

@@ -24,11 +24,7 @@ from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
-from romsindy.diagnosis.on_beam.mounted import DampingEffect
-from romsindy.diagnosis.on_beam.parameters import ParameterEffect
-from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, beam_with
-from romsindy.effects import Viscous
-from romsindy.fit.kernel.part import Part
+from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array
 
@@ -78,12 +74,6 @@ class ModesAtRest(NamedTuple):
             for phi in basis.shapes
         ]
         return cls(basis.omega, np.array(damping) / 2)
-
-
-def linear(parts: Sequence[Part]) -> bool:
-    """Whether effects change a beam at all amplitudes alike."""
-    kinds = (DampingEffect, ParameterEffect, ParameterDirection)
-    return all(isinstance(p.effect, kinds) or p.effect.name == Viscous.name for p in parts)
 
 
 def next_release(

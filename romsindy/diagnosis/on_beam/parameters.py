@@ -18,6 +18,7 @@ from romsindy.beam.static_shapes import StaticCurve
 from romsindy.beam.structure import FREE, springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
+from romsindy.diagnosis.on_beam.place import some_points
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import AtPoint, Mounting, PointMass
 from romsindy.physics.term import Combination
@@ -27,9 +28,6 @@ _ORDER = 7
 _LEAST = 1e-12  # an effect that must be positive, and is zero
 # Tolerances of positions are in m, all others relative.
 POSITIONS = ("sensor_positions", "anchor_x", "anchor_y")
-# Parts of the length over which an effect is looked for, at so many points: nearer to a support
-# nothing moves.
-_WITH_FREE_END, _BETWEEN, _POINTS = (0.25, 1.0), (0.2, 0.8), 7
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
@@ -54,9 +52,10 @@ _SECTION = (
     _Varied("thickness", "another thickness", _OF_ASSUMED, changes.Thicker),
     _Varied("density", "another density", _OF_ASSUMED, changes.Denser),
 )
+# Of a beam with a free end it is but another bending stiffness.
+_MATERIAL = (_Varied("modulus", "another modulus", _OF_ASSUMED, changes.StifferMaterial),)
 # Told from the others by nothing, or only by what stretches or hangs on the beam.
 _ALIKE = (
-    _Varied("modulus", "another modulus", _OF_ASSUMED, changes.StifferMaterial),
     _Varied("width", "another width", _OF_ASSUMED, changes.Wider),
     _Varied("axial_stiffness", "another axial stiffness", _OF_ASSUMED, changes.StifferAxially),
 )
@@ -168,7 +167,7 @@ def parameter_effects(
     found = []
     known = _looked_for(seen.beam) if names is None else _parameters_of(seen.beam)
     # Mass resists otherwise where the beam turns than where it shifts: one column for each place.
-    places = [seen.basis.point(1), *points(seen.beam)[:-1:2]] if at is None else [at]
+    places = some_points(seen.beam, seen.basis.point(1)) if at is None else [at]
     chosen = [p for p in known if names is None or p.name in names]
     tried = [(p, where) for p in chosen for where in (places if p in _MASS else places[:1])]
     for p, where in tried:
@@ -181,17 +180,12 @@ def parameter_effects(
     return tuple(found)
 
 
-def points(beam: Beam) -> list[float]:
-    """Where an effect that may be anywhere is tried, m."""
-    between = _WITH_FREE_END if beam.right == FREE else _BETWEEN
-    return (beam.length * np.linspace(*between, _POINTS)).tolist()
-
-
 def _looked_for(beam: Beam) -> tuple[_Varied, ...]:
     """Parameters that are looked for as if they were missing effects."""
     clamped = beam.left.fixed[2] or beam.left.rotational_stiffness > 0.0
     return (
         *_SECTION,
+        *(_MATERIAL if beam.right != FREE else ()),
         *_MASS,
         *(_CLAMP if clamped else ()),
         *(_SPRING if len(springs_of(beam)) == 1 else ()),
@@ -202,6 +196,7 @@ def _parameters_of(beam: Beam) -> tuple[_Varied, ...]:
     """All parameters of a beam."""
     return (
         *_looked_for(beam),
+        *(_MATERIAL if beam.right == FREE else ()),
         *_ALIKE,
         *(_ANCHOR if len(springs_of(beam)) == 1 else ()),
         *(_MASSES if _masses(beam) else ()),

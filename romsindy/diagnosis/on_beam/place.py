@@ -7,10 +7,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from romsindy.beam.structure import FREE, BeamStructure
 from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
 
 PLACE_ERRORS = PLACE_RISE**0.5  # standard errors to either side of a place that are told
+
+# Parts of the length over which an effect is looked for, at so many points: nearer to a support
+# nothing moves.
+_WITH_FREE_END, _BETWEEN, _POINTS = (0.25, 1.0), (0.2, 0.8), 7
+
+
+def points(beam: BeamStructure) -> list[float]:
+    """Where an effect that may be anywhere is tried at all sensors, m."""
+    between = _WITH_FREE_END if beam.right == FREE else _BETWEEN
+    return (beam.length * np.linspace(*between, _POINTS)).tolist()
+
+
+def some_points(beam: BeamStructure, usual: float | None) -> list[float | None]:
+    """Where it is tried in the coordinate of the first mode, m: ``usual``, and at some others."""
+    return [usual, *points(beam)[:-1:2]]
 
 
 @dataclass(frozen=True)

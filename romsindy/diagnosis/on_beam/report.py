@@ -16,7 +16,7 @@ from romsindy.diagnosis.next_test import Advice, MoreOfIt
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.latitude import Latitude
-from romsindy.diagnosis.on_beam.next_release import linear, next_release
+from romsindy.diagnosis.on_beam.next_release import next_release
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
@@ -26,6 +26,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     beam_with,
     effects_of,
     in_words,
+    linear,
     on_the_beam,
 )
 from romsindy.diagnosis.structure_report import StructureReport
@@ -46,12 +47,15 @@ class BeamReport(StructureReport):
         What the sensors and the higher modes may do beside what is simulated.
     place : PlaceOnBeam or None
         Where the effect acts, if it is one that can be anywhere.
+    loud : tuple of str
+        Records in which other modes change the motion of the first: only all sensors tell of them.
     """
 
     faults: tuple[SensorFault, ...]
     seen: InstrumentedBeam
     slack: Latitude
     place: PlaceOnBeam | None = None
+    loud: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -113,6 +117,11 @@ class BeamReport(StructureReport):
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
+        lines += [
+            f"Other modes change the first by a tenth or more in {name}: of what acts on the first"
+            " it says nothing, and the others are counted without it."
+            for name in self.loud
+        ]
         lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
@@ -126,7 +135,7 @@ class BeamReport(StructureReport):
 
     def _placed(self, line: str) -> str:
         """A line on what is missing with its place as closely as the data tell it."""
-        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p)]
+        movable = [p for p in self.reduced.best.effects if can_be_anywhere(p.effect)]
         if self.place is None or self.trouble or len(movable) != 1:
             return line
         if not line.startswith("Missing: "):
@@ -147,6 +156,7 @@ class BeamReport(StructureReport):
             "faults": [vars(f) for f in self.faults],
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
+            "loud": list(self.loud),
         }
 
 

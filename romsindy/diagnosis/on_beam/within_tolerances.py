@@ -19,10 +19,10 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.diagnosis.evidence import FAR, Hypothesis
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import BeamEffect
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
 from romsindy.diagnosis.screening import screen
-from romsindy.effects import Gain
+from romsindy.effects import Gain, Viscous
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
 from romsindy.fit.kernel.part import Part
@@ -249,3 +249,9 @@ def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
 def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
     """Parts that exist on a beam and are there."""
     return tuple(p for p in parts if isinstance(p.effect, BeamEffect) and np.any(p.strengths))
+
+
+def linear(parts: Sequence[Part]) -> bool:
+    """Whether effects change a beam at all amplitudes alike."""
+    kinds = (DampingEffect, ParameterEffect, ParameterDirection)
+    return all(isinstance(p.effect, kinds) or p.effect.name == Viscous.name for p in parts)

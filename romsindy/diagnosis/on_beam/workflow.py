@@ -46,13 +46,18 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
+from romsindy.fit.records.arguments import free_names
 from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
+from romsindy.fit.results.fitted import refined
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 _ORDER = 7
+# Of the largest reading: so closely a model follows a simulated decay. There is no noise in that,
+# and without a floor what other modes do between the harmonics would count for nothing.
+_FOLLOWED = 1e-3
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
@@ -119,7 +124,8 @@ def diagnose_beam(
     ]
     damping = near.get("mass_damping", 0.0), near.get("material_damping", 0.0)
     slack = Latitude.of(seen, doubtful, damping, position_gains(seen, off or 0.0))
-    found, place = rounds.over_all_sensors(rounds.run(effects, before), effects_at, slack)
+    first = rounds.run(effects, *rounds.near_the_records(effects, before))
+    found, place = rounds.over_all_sensors(first, effects_at, slack)
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
@@ -132,6 +138,7 @@ def diagnose_beam(
         seen=whole,
         slack=slack,
         place=place,
+        loud=rounds.loud,
     )
 
 
@@ -226,7 +233,8 @@ def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:
     omega2 = static["omega^2"]
     damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
     start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
-    fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
+    free = free_names(start, ("Upsilon_6", "Upsilon_7"))
+    fitted = refined(start, free, (Record.of(simulated, _FOLLOWED),))
     return replace(fitted.single_model, amplitude_range=None)
 
 

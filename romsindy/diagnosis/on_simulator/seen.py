@@ -16,13 +16,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
-from romsindy.diagnosis.structure import Moved, start_of
-from romsindy.effects import LinearFrequency, Viscous
+from romsindy.diagnosis.structure import Moved, linear_parts, start_of
 from romsindy.effects.base import TermEffect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part, extended
-from romsindy.fit.records.record import Record, scales
+from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -192,8 +191,8 @@ class OnSimulator:
         What is missing changes the first cycles as other linear values do, nearly.
         """
         first = record.until(_CYCLES * 2 * np.pi / record.rate)
-        linear = [Part.of(e, scales([record]), 1) for e in (LinearFrequency(), Viscous())]
-        return start_of(extended(model, self.with_effects(parts)), linear, first, fixed=False)
+        known = extended(model, self.with_effects(parts))
+        return start_of(known, linear_parts(record), first, fixed=False)
 
     def moved(
         self,

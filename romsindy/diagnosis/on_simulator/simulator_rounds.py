@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -23,14 +23,12 @@ from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
-from romsindy.diagnosis.structure import Corrected, key_of, sensor_errors
+from romsindy.diagnosis.structure import Corrected, as_measured, key_of, sensor_errors, with_signal
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, moved_parts
-from romsindy.fit.records.record import Record
-from romsindy.record.decay import SIGNALS, Decay
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
@@ -66,7 +64,7 @@ class SimulatorRounds(Rounds):
             self.releases = [None] * len(self.records)
         found = super().simulate(parts)
         seen = [
-            _as_measured(r, self.structure.coordinate(c.readings))
+            as_measured(r, self.structure.coordinate(c.readings))
             for r, c in zip(self.records, found, strict=True)
         ]
         followed = fit(self.model, parts, seen, iterations=30)
@@ -75,7 +73,7 @@ class SimulatorRounds(Rounds):
         self.own = followed.parts
         left = followed.residuals
         return [
-            c._replace(decay=_with_signal(c.decay, r.signal - beside))
+            c._replace(decay=with_signal(c.decay, r.signal - beside))
             for r, c, beside in zip(self.records, found, left, strict=True)
         ]
 
@@ -324,15 +322,3 @@ class InSimulator(Amended):
             p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
         ]
         return found._replace(parts=tuple(there))
-
-
-def _with_signal(decay: Decay, signal: Array) -> Decay:
-    """The same with another signal (n,) in the place of what its sensor gave."""
-    given: dict[str, Any] = {SIGNALS[decay.derivative]: signal}
-    return replace(decay, **given)
-
-
-def _as_measured(record: Record, simulated: Array) -> Record:
-    """A record of a simulated signal (n,), with the noise of a measured one: as much is learnt."""
-    own = Record.of(_with_signal(record.decay, simulated), 1e-4)
-    return replace(own, noise=record.noise, doubts=record.doubts, first=record.first)
