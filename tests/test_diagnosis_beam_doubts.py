@@ -40,7 +40,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 )
 from romsindy.diagnosis.on_beam.workflow import calibrated
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.structure import calm_from
+from romsindy.diagnosis.structure import Corrected, calm_from
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import AtPoint, Damper, PointMass
 from romsindy.effects.base import Scales
@@ -330,6 +330,27 @@ def test_a_beam_is_brought_near_its_records(rounds):
     rounds.smooth, rounds.releases = list(rounds.records), [None]
     same = [found[0]._replace(readings=np.outer(signal, SEEN.shapes[:, 0]))]
     assert rounds.near_the_records(effects, same) == (same, ())
+
+
+def test_a_record_in_which_other_modes_are_loud_takes_no_part(rounds):
+    """Unless nothing else is left to learn from; what was taken off is a fifth of its motion."""
+    record, raw = rounds.records[0], rounds.raw[0]
+    both = replace(rounds, records=[record] * 2, raw=[raw] * 2, releases=[None] * 2)
+    readings = np.outer(record.signal, SEEN.shapes[:, 0])
+    quiet = Corrected(record.decay, readings, (0.0, 0.0), None)
+    loud = quiet._replace(decay=replace(record.decay, q=0.8 * record.decay.q))
+    for found, left_out in (
+        ([quiet, quiet], ()),
+        ([quiet, loud], ("record 2",)),
+        ([loud, quiet], ("record 1",)),
+        ([loud, loud], ()),
+    ):
+        both.clear = [0, 1]
+        assert both.near_the_records((), found) == (found, ())
+        assert both.loud == left_out
+    held_out = replace(both, held_out=True)
+    held_out.near_the_records((), [quiet, loud])
+    assert held_out.loud == ("the held-out record",)
 
 
 @pytest.mark.slow

@@ -118,8 +118,8 @@ class BeamReport(StructureReport):
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
         lines += [
-            f"Other modes change the first by a tenth or more in {name}: of what acts on the first"
-            " it says nothing, and the others are counted without it."
+            f"Other modes change the first by a tenth or more in {name}: it takes no part in what"
+            " is said of the first, and below the records are numbered without it."
             for name in self.loud
         ]
         lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
