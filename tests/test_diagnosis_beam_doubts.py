@@ -16,6 +16,7 @@ from romsindy.diagnosis.all_sensors import Readings
 from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
+    Latitude,
     SimulatedReadings,
     TriedOnBeam,
     left_of,
@@ -24,7 +25,6 @@ from romsindy.diagnosis.on_beam.all_sensors import (
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
 from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,

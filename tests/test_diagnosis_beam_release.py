@@ -11,7 +11,7 @@ from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
-    Release,
+    BeamRelease,
     _towards,
     bending,
     read_release,
@@ -75,12 +75,12 @@ def test_a_load_that_cannot_hold_the_beam_was_not_its_release():
     # Thirty times as far as the first, in a mode that is 16 times as fast: it cannot be bent so.
     rung = bending(BEAM, STEP).ringing(np.array([0.0, 0.5]), np.zeros(2))
     given = (None, (), record, decay, (0.016, 0.0))
-    found = on.moved(*given, Release(None, rung))
+    found = on.moved(*given, BeamRelease(None, rung))
     assert found.release.load is None and found.release.ringing is None
     np.testing.assert_allclose(SEEN.coordinate(found.readings[0])[: len(q)], q, atol=1e-4)
     modes = BEAM.modes(count=3)
     with pytest.raises(FAILURES):
-        on.moved(*given, Release(modes.momenta[2] * modes.omega[2] ** 2))
+        on.moved(*given, BeamRelease(modes.momenta[2] * modes.omega[2] ** 2))
 
 
 def test_modal_release_needs_no_higher_mode():

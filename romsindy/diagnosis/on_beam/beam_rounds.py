@@ -16,6 +16,7 @@ from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
+    Latitude,
     SimulatedReadings,
     TriedOnBeam,
     left_of,
@@ -29,9 +30,8 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
-from romsindy.diagnosis.on_beam.release import FAILURES, Release, read_release, ringing
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
@@ -93,8 +93,8 @@ class _Begun(NamedTuple):
     """
 
     state: tuple[float, float]
-    release: Release
-    more: Release
+    release: BeamRelease
+    more: BeamRelease
     ring: Array | None = None
 
 
@@ -103,7 +103,7 @@ class BeamRounds(Rounds):
     """A beam and its reduced model beside records: also where on it an effect acts."""
 
     structure: OnBeam
-    given: list[Release | None] = field(init=False)  # of the releases, those that are known
+    given: list[BeamRelease | None] = field(init=False)  # of the releases, those that are known
     told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
 
     def __post_init__(self) -> None:
@@ -428,7 +428,7 @@ def _motion(
 ) -> SimulatedReadings:
     """What sensors read of a beam."""
 
-    def readings(release: Release) -> Array:
+    def readings(release: BeamRelease) -> Array:
         found = simulated(seen, beam, record, decay, start.state, release, seen.fastest)
         return found[record.derivative]
 

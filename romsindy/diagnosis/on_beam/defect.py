@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.release import FAILURES, Release, read_release, steps
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, steps
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
 from romsindy.diagnosis.structure import Moved, as_measured, linear_parts, start_of
 from romsindy.fit.kernel.equation import ExtendedEquation
@@ -60,7 +60,7 @@ class OnBeam:
         record: Record,
         decay: Decay,
         start: tuple[float, float],
-        release: Release | None,
+        release: BeamRelease | None,
     ) -> Moved:
         """What the sensors, that measured ``decay``, read of the beam with some parts.
 
@@ -78,7 +78,7 @@ class OnBeam:
             if release.ringing is None:
                 raise
             # Where it cannot be, it was not: what was read is no release.
-            release, begins = Release(), start
+            release, begins = BeamRelease(), start
             found = simulated(self.seen, beam, record, own, start, release)
         if release.state:  # what rings as loud as the first mode moves this: no state of its own
             alike = as_measured(record, self.coordinate(found[record.derivative]))
@@ -92,7 +92,7 @@ def simulated(
     record: Record,
     decay: Decay,
     start: tuple[float, float],
-    release: Release,
+    release: BeamRelease,
     fastest: float = 0.0,
 ) -> list[Array]:
     """What the sensors read of a beam: displacements, velocities, accelerations.

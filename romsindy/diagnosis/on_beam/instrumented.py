@@ -43,7 +43,7 @@ def coarse(beam: Beam) -> Beam:
     return replace(beam, elements=min(beam.elements, _ELEMENTS))
 
 
-class Ringing(NamedTuple):
+class RingingModes(NamedTuple):
     """Higher modes that a beam starts with, beside what goes with its first."""
 
     momenta: Array  # (n_modes, n_nodes, 3), of the higher modes
@@ -118,7 +118,7 @@ class InstrumentedBeam:
         return own.read_by(self.seen, reach, _GRID)
 
     def held(
-        self, beam: Beam, q: float, load: Array | None = None, ringing: Ringing | None = None
+        self, beam: Beam, q: float, load: Array | None = None, ringing: RingingModes | None = None
     ) -> Shape:
         """Shape from which the first mode of a beam swings with the coordinate ``q``, kg^0.5 m.
 
@@ -152,7 +152,7 @@ class InstrumentedBeam:
         return beam.sensors(placed)
 
     def pushed(
-        self, beam: Beam, shape: Shape, q_dot: float, ringing: Ringing | None = None
+        self, beam: Beam, shape: Shape, q_dot: float, ringing: RingingModes | None = None
     ) -> Array:
         """Velocity (n_nodes, 3) with which the first mode of a beam moves at ``q_dot``.
 
@@ -191,7 +191,7 @@ class InstrumentedBeam:
         load: Array | None = None,
         *,
         q_dot: float = 0.0,
-        ringing: Ringing | None = None,
+        ringing: RingingModes | None = None,
     ) -> History:
         """What the sensors read, (n, n_sensors) each, of a beam that starts `held` and `pushed`."""
         shape, sensors = self.held(beam, q, load, ringing), self.sensors_on(beam)

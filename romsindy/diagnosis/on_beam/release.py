@@ -17,7 +17,7 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.beam.motion import StepTooLongError
 from romsindy.diagnosis.all_sensors import without
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, Ringing
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, RingingModes
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.verdict import MOVING
 from romsindy.record.spectrum import noise_std
@@ -38,7 +38,7 @@ _LOUD = 0.1
 _ROUNDS, _READ = 8, 0.005
 
 
-class Release(NamedTuple):
+class BeamRelease(NamedTuple):
     """How a beam starts: the nodal load that held it, (n_nodes, 3) and of any size, and what rings.
 
     A load of None is the modal force of its first mode. ``state`` is the coordinate and its rate
@@ -46,7 +46,7 @@ class Release(NamedTuple):
     """
 
     load: Array | None = None
-    ringing: Ringing | None = None
+    ringing: RingingModes | None = None
     state: tuple[float, float] | None = None
 
 
@@ -57,7 +57,7 @@ def read_release(
     measured: Array,
     dt: float,
     derivative: int = 0,
-) -> Release:
+) -> BeamRelease:
     """Read how a beam starts in its bending modes: where each is and, if it moves, how fast.
 
     Errors of the damping and the frequency of each are fitted beside, so that what the beam lacks
@@ -88,12 +88,12 @@ def read_release(
     size = np.hypot(displaced, rates / modes.omega)
     loud = moves or size[1:].max(initial=0.0) > _LOUD * size[0]
     first = (float(displaced[0]), float(rates[0])) if loud else None
-    return Release(None, modes.ringing(displaced[1:], rates[1:]), first)
+    return BeamRelease(None, modes.ringing(displaced[1:], rates[1:]), first)
 
 
 def ringing(
-    beam: Beam, start: tuple[float, float], release: Release, modes: int, dt: float
-) -> Release:
+    beam: Beam, start: tuple[float, float], release: BeamRelease, modes: int, dt: float
+) -> BeamRelease:
     """A release that rings the modes up to a number a little more."""
     own, (q, q_dot) = bending(beam, dt), start
     more = np.where(np.arange(len(own.omega) - 1) < modes - 1, _STEP, 0.0)
@@ -109,10 +109,10 @@ class Bending(NamedTuple):
     momenta: Array  # (n_modes, n_nodes, 3)
     omega: Array  # (n_modes,), rad/s
 
-    def ringing(self, displaced: Array, rates: Array) -> Ringing:
+    def ringing(self, displaced: Array, rates: Array) -> RingingModes:
         """How all but the first start, (n_modes - 1,) each, kg^0.5 m and s."""
         forces = self.momenta * self.omega[:, None, None] ** 2
-        return Ringing(self.momenta[1:], forces[1:], displaced, rates)
+        return RingingModes(self.momenta[1:], forces[1:], displaced, rates)
 
 
 def bending(beam: Beam, dt: float) -> Bending:
