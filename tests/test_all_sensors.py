@@ -18,12 +18,12 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
+    Latitude,
     SimulatedReadings,
     TriedOnBeam,
     left_of,
     weigh,
 )
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
 from romsindy.diagnosis.on_beam.parameters import damping_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam

@@ -23,8 +23,8 @@ from romsindy.diagnosis.next_test import (
     Extrapolation,
     more_of_it,
 )
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.effects import (
     CubicStiffness,
     Gain,

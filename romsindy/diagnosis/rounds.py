@@ -224,11 +224,11 @@ class Rounds:
         return self.look(self.model, training, test, self.unsure, {}, *known)
 
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
-        """The best, or the first that is as good and whose effects can all be simulated."""
+        """The best, or the first that is nearly as good and whose effects can all be simulated."""
         for rival in report.rivals:
             if len(self.structure.with_effects(rival.effects)) == len(rival.effects):
                 return rival
-        return report.best
+        return next(iter(self.near(report, 1)), report.best)
 
     def _settled(self, parts: Sequence[Part], report: DiagnosisReport) -> bool:
         """Whether the effects that were simulated are those found, within some standard errors.

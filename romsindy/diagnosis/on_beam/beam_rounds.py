@@ -12,9 +12,11 @@ from joblib import delayed
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
+    Latitude,
     SimulatedReadings,
     TriedOnBeam,
     left_of,
@@ -26,19 +28,12 @@ from romsindy.diagnosis.on_beam.anywhere import (
     place_now,
     with_error_of_place,
 )
-from romsindy.diagnosis.on_beam.defect import (
-    FAILURES,
-    STAND_INS,
-    OnBeam,
-    ReleaseLoad,
-    read_release,
-    ringing,
-    simulated,
-)
+from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
+from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
 from romsindy.diagnosis.structure import Corrected, as_measured
 from romsindy.effects.base import Effect
@@ -55,12 +50,12 @@ _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
 
 
-def _far(record: Record, found: Corrected, sensed: Array) -> float:
+def _far(record: Record, sensed: Array) -> float:
     """How far a simulated coordinate is from a record, over its motion."""
     return float(np.std(record.signal - sensed) / np.std(record.signal))
 
 
-def _defect(record: Record, found: Corrected, sensed: Array) -> float:
+def _defect(record: Record, found: Corrected) -> float:
     """What was taken off a record, over its motion."""
     return float(np.std(record.signal - found.decay.signal) / np.std(record.signal))
 
@@ -98,8 +93,8 @@ class _Begun(NamedTuple):
     """
 
     state: tuple[float, float]
-    release: ReleaseLoad
-    more: ReleaseLoad
+    release: BeamRelease
+    more: BeamRelease
     ring: Array | None = None
 
 
@@ -108,7 +103,7 @@ class BeamRounds(Rounds):
     """A beam and its reduced model beside records: also where on it an effect acts."""
 
     structure: OnBeam
-    given: list[ReleaseLoad | None] = field(init=False)  # of the releases, those that are known
+    given: list[BeamRelease | None] = field(init=False)  # of the releases, those that are known
     told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
 
     def __post_init__(self) -> None:
@@ -126,6 +121,10 @@ class BeamRounds(Rounds):
         names = [name_of(i) for i in range(self.n_training)] + [HELD_OUT] * self.held_out
         return tuple(name for i, name in enumerate(names) if i not in self.clear)
 
+    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
+        """As of any structure, but where all sensors tell how the record starts."""
+        return found.release.state is None and super()._depends_on_start(found, record)
+
     def near_the_records(
         self, effects: Sequence[Effect], found: list[Corrected]
     ) -> tuple[list[Corrected], tuple[Part, ...]]:
@@ -136,17 +135,25 @@ class BeamRounds(Rounds):
         which the defect is as loud as what is looked for says little of the coordinate.
         """
         parts: tuple[Part, ...] = ()
-        if any(_far(*row) > _COHERENT for row in self._rows(found)):
-            parts = self._stand_ins(effects, found)
-        try:
-            found = self.simulate(parts) if parts else found
-        except FAILURES:
-            self.return_to(found)
-            parts = ()
-        clear = [i for i, row in enumerate(self._rows(found)) if _defect(*row) < _LOUD]
+        if self._farthest(found) > _COHERENT:
+            given, parts = found, self._stand_ins(effects, found)
+            try:
+                found = self.simulate(parts)
+                nearer = self._farthest(found) < self._farthest(given)
+            except FAILURES:
+                nearer = False
+            if not nearer:
+                found, parts = given, ()
+                self.return_to(found)
+        pairs = enumerate(zip(self.records, found, strict=True))
+        clear = [i for i, pair in pairs if _defect(*pair) < _LOUD]
         if clear and clear[0] < self.n_training:
             self.clear = clear
         return found, parts
+
+    def _farthest(self, found: Sequence[Corrected]) -> float:
+        """How far what was simulated is from the record that it is farthest from."""
+        return max(_far(record, sensed) for record, _, sensed in self._rows(found))
 
     def _rows(self, found: Sequence[Corrected]) -> list[tuple[Record, Corrected, Array]]:
         """Records beside what was simulated, and its coordinate."""
@@ -157,7 +164,7 @@ class BeamRounds(Rounds):
         """Density and damping of the mass by which the records differ from what was simulated."""
         rows = self._rows(found)[: self.n_training]
         # A record in which other modes are loud tells little of the first.
-        weights = [1 / _defect(*row) ** 2 for row in rows]
+        weights = [1 / _defect(record, own) ** 2 for record, own, _ in rows]
         off = [_off(record, sensed) for record, _, sensed in rows]
         omega2, c_linear = np.average(off, axis=0, weights=weights)
         by_name = {e.name: e for e in effects}
@@ -181,6 +188,26 @@ class BeamRounds(Rounds):
         return [
             e for e in effects if e.name not in there or place_now(self.seen, e) == there[e.name]
         ]
+
+    def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
+        """Of a family that does the same to the first mode, a member whose place is known.
+
+        Elsewhere than where it acts an effect moves the other modes otherwise, and where these are
+        loud the first as well. All sensors tell places, once one of the family is on the beam.
+        """
+        best = super()._simulated_of(report)
+        if not any(map(self._somewhere, best.effects)):
+            return best
+        for h in report.rivals:
+            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
+            alike = family_of([h.names, best.names]) is not None
+            if there and alike and not any(map(self._somewhere, h.effects)):
+                return h
+        return best
+
+    def _somewhere(self, part: Part) -> bool:
+        """Whether an effect can be anywhere, and nothing said yet where."""
+        return can_be_anywhere(part.effect) and part.effect.name not in self.told
 
     def over_all_sensors(
         self,
@@ -206,7 +233,8 @@ class BeamRounds(Rounds):
             place = heard[names_of(best)].place if names_of(best) in heard else None
             parts, moved = self._placed(best, place)
             try:
-                if best.names == report.best.names and not moved:
+                loud = any(r.state for r in self.releases)
+                if best.names == report.best.names and not (moved or loud):
                     again = self.run(effects_at(self.places), found.corrected, found.parts)
                 else:
                     self.releases = list(self.given)
@@ -319,7 +347,10 @@ class BeamRounds(Rounds):
         several = [tuple(m if p is part else p for p in parts) for m in moved]
         # The coordinate begins otherwise with the same effect elsewhere, the release is the same.
         begun = [
-            [s._replace(state=self._state(i, there)) for i, s in enumerate(starts)]
+            [
+                s._replace(state=s.release.state or self._state(i, there))
+                for i, s in enumerate(starts)
+            ]
             for there in several
         ]
         heard = self._left(list(zip(several, begun, strict=True)), read, slack)
@@ -356,6 +387,7 @@ class BeamRounds(Rounds):
         if release is None:
             release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
         modes = self.seen.shapes.shape[1]
+        start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
 
     def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
@@ -395,10 +427,9 @@ def _motion(
     seen: InstrumentedBeam, beam: Beam, record: Record, decay: Decay, start: _Begun
 ) -> SimulatedReadings:
     """What sensors read of a beam."""
-    fastest = float(seen.basis.omega[seen.shapes.shape[1] - 1])
 
-    def readings(release: ReleaseLoad) -> Array:
-        found = simulated(seen, beam, record, decay, start.state, release, fastest)
+    def readings(release: BeamRelease) -> Array:
+        found = simulated(seen, beam, record, decay, start.state, release, seen.fastest)
         return found[record.derivative]
 
     usual = readings(start.release)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from romsindy.beam.assembly import factorise, solve
 from romsindy.beam.beam import Beam
-from romsindy.beam.equilibrium import ModalBasis, Shape, hold
+from romsindy.beam.equilibrium import ModalBasis, Shape, find_displaced, hold
 from romsindy.beam.motion import History, SensorArray
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.record.decay import Decay
@@ -43,6 +43,15 @@ def coarse(beam: Beam) -> Beam:
     return replace(beam, elements=min(beam.elements, _ELEMENTS))
 
 
+class RingingModes(NamedTuple):
+    """Higher modes that a beam starts with, beside what goes with its first."""
+
+    momenta: Array  # (n_modes, n_nodes, 3), of the higher modes
+    forces: Array  # the same, that move each by one
+    displaced: Array  # (n_modes,), kg^0.5 m
+    rates: Array  # (n_modes,), kg^0.5 m/s
+
+
 @dataclass(frozen=True, eq=False)
 class InstrumentedBeam:
     """A beam seen through sensors: its mode shapes there define the coordinate."""
@@ -59,6 +68,11 @@ class InstrumentedBeam:
     def shapes(self) -> Array:
         """Mode shapes at the sensors, (n_sensors, n_modes)."""
         return self.sensors.mode_shapes(self.basis, projected_modes(len(self.sensors.sensors)))
+
+    @property
+    def fastest(self) -> float:
+        """Angular frequency of the highest mode that the sensors tell apart, rad/s."""
+        return float(self.basis.omega[self.shapes.shape[1] - 1])
 
     @property
     def shown(self) -> Shown:
@@ -103,20 +117,32 @@ class InstrumentedBeam:
         own = self.beam.static_curve(amplitude=_MARGIN * reach, cases=_CASES)
         return own.read_by(self.seen, reach, _GRID)
 
-    def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
+    def held(
+        self, beam: Beam, q: float, load: Array | None = None, ringing: RingingModes | None = None
+    ) -> Shape:
         """Shape from which the first mode of a beam swings with the coordinate ``q``, kg^0.5 m.
 
         A nodal load, (n_nodes, 3) and of any size, holds it; by default the modal force of its
-        first mode.
+        first mode. Forces of higher modes move each of these as far as it rings.
         """
         momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
         reading = self.coordinate(self.sensors_on(beam).rows.T).reshape(momentum.shape)
         shape = hold(beam.assembly, rest, momentum, reading, q)
-        if load is None:
+        if load is not None:
+            # Other modes, which this load moves too, are seen in the coordinate, but soon die.
+            swing = float(np.vdot(momentum, shape.displacement - rest.displacement))
+            shape = hold(beam.assembly, rest, load, momentum, swing)
+        if ringing is None or not ringing.displaced.any():
             return shape
-        # Other modes, which this load moves too, are seen in the coordinate, but soon die.
-        swing = float(np.vdot(momentum, shape.displacement - rest.displacement))
-        return hold(beam.assembly, rest, load, momentum, swing)
+        holding = momentum if load is None else load
+        patterns = np.stack([holding, *ringing.forces])
+        readings = np.stack([momentum, *ringing.momenta])
+        size = np.vdot(shape.load, holding) / np.vdot(holding, holding)
+        factors = np.append(size, np.zeros(len(ringing.forces)))
+        targets = np.tensordot(readings, shape.displacement) + np.append(0.0, ringing.displaced)
+        given = shape.displacement, patterns, readings, targets, factors
+        x, factors = find_displaced(beam.assembly, *given)
+        return Shape(shape.s, x, np.tensordot(factors, patterns, axes=1))
 
     def sensors_on(self, beam: Beam) -> SensorArray:
         """The sensors on a changed beam; those beyond the end of a shorter one sit there."""
@@ -125,20 +151,30 @@ class InstrumentedBeam:
         placed = [replace(s, at=min(s.at, beam.length)) for s in self.sensors.sensors]
         return beam.sensors(placed)
 
-    def pushed(self, beam: Beam, shape: Shape, q_dot: float, push: Array | None = None) -> Array:
+    def pushed(
+        self, beam: Beam, shape: Shape, q_dot: float, ringing: RingingModes | None = None
+    ) -> Array:
         """Velocity (n_nodes, 3) with which the first mode of a beam moves at ``q_dot``.
 
-        It goes with the shapes that a nodal load, (n_nodes, 3) and of any size, would bend the beam
-        into from where it is; by default the modal force of its first mode.
+        It goes with the shapes that modal forces would bend the beam into from where it is.
         """
         momentum, a = beam.modes(count=1).momenta[0], beam.assembly
         stiffness, _ = a.tangents(shape.displacement)
-        pattern = momentum if push is None else push
-        moved = solve(factorise(stiffness, a.fixed), np.where(a.fixed, 0.0, pattern))
-        reading = momentum
-        if push is None:
-            reading = self.coordinate(self.sensors_on(beam).rows.T).reshape(momentum.shape)
-        return np.asarray(q_dot * moved / np.vdot(reading, moved))
+        factors = factorise(stiffness, a.fixed)
+
+        def bent(force: Array) -> Array:
+            return np.asarray(solve(factors, np.where(a.fixed, 0.0, force)))
+
+        first = bent(momentum)
+        reading = self.coordinate(self.sensors_on(beam).rows.T).reshape(momentum.shape)
+        velocity = np.asarray(q_dot * first / np.vdot(reading, first))
+        if ringing is None or not ringing.rates.any():
+            return velocity
+        shapes = np.stack([first, *map(bent, ringing.forces)])
+        readings = np.stack([momentum, *ringing.momenta])
+        rates = np.tensordot(readings, shapes, axes=([1, 2], [1, 2]))
+        more = np.linalg.solve(rates, np.append(0.0, ringing.rates))
+        return velocity + np.tensordot(more, shapes, axes=1)
 
     def readings(
         self, beam: Beam, q: float, duration: float, step: float, load: Array | None = None
@@ -155,11 +191,12 @@ class InstrumentedBeam:
         load: Array | None = None,
         *,
         q_dot: float = 0.0,
-        push: Array | None = None,
+        ringing: RingingModes | None = None,
     ) -> History:
         """What the sensors read, (n, n_sensors) each, of a beam that starts `held` and `pushed`."""
-        shape, sensors = self.held(beam, q, load), self.sensors_on(beam)
-        velocity = self.pushed(beam, shape, q_dot, push) if q_dot else None
+        shape, sensors = self.held(beam, q, load, ringing), self.sensors_on(beam)
+        still = not q_dot and (ringing is None or not ringing.rates.any())
+        velocity = None if still else self.pushed(beam, shape, q_dot, ringing)
         # Only what the sensors read is kept, so one mode is enough to record.
         motion = beam.simulate(
             shape,

@@ -22,8 +22,8 @@ from romsindy.beam.structure import FREE
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array

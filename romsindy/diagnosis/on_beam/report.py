@@ -13,9 +13,9 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.next_release import next_release
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault

@@ -16,15 +16,15 @@ from romsindy.beam.equilibrium import Shape
 from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
-from romsindy.diagnosis.on_beam.defect import FAILURES, OnBeam, ReleaseLoad
+from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import (
     UNIT,
     InstrumentedBeam,
     checked_readings,
     coarse,
 )
-from romsindy.diagnosis.on_beam.latitude import Latitude
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     PLACED_MASS,
@@ -32,6 +32,7 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
@@ -106,10 +107,10 @@ def diagnose_beam(
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    start = None if load is None else ReleaseLoad(load)
+    start = None if load is None else BeamRelease(load)
     try:
         options, form = _known_errors(seen, model, known, start, options)
-        starts: list[ReleaseLoad | None] = [start] * len(records)
+        starts: list[BeamRelease | None] = [start] * len(records)
         given = (raw, held_out is not None, unsure, general, options, starts, form)
         rounds = BeamRounds(OnBeam(seen), diagnose_model, model, records, *given)
         before = rounds.begin()
@@ -146,7 +147,7 @@ def _known_errors(
     seen: InstrumentedBeam,
     model: ReducedModel,
     references: Sequence[Decay],
-    release: ReleaseLoad | None,
+    release: BeamRelease | None,
     options: Options,
 ) -> tuple[Options, FormError]:
     """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""

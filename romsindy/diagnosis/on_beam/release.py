@@ -1,0 +1,209 @@
+"""How a beam starts a record: what held it, and what rings beside its first mode.
+
+A beam that is pulled at a point or hit moves in all its modes, one that is held by a modal force
+almost in one. What the sensors read in the first cycles tells how each mode starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.beam.beam import Beam
+from romsindy.beam.equilibrium import NoEquilibriumError
+from romsindy.beam.motion import StepTooLongError
+from romsindy.diagnosis.all_sensors import without
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, RingingModes
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.verdict import MOVING
+from romsindy.record.spectrum import noise_std
+from romsindy.typing import Array
+
+FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
+_HIGHER = 4  # modes beside the first whose part in the release is looked for
+_AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
+_RESOLVED = 0.8  # of the largest frequency that the sampling shows
+_STEP = 0.02  # of the amplitude, for differences
+_TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
+_CYCLES = 3  # from which the release is read: noise hides in one what rings a little
+_SHARES = (1.0, 0.5, 0.25)  # of a step
+# As a part of the first: higher modes that are as loud hide how that starts.
+_LOUD = 0.1
+# Of reading the release, until readings change by less than this part: the motion is nearly linear
+# in higher modes that ring little, and not in those that ring as loud as the first.
+_ROUNDS, _READ = 8, 0.005
+
+
+class BeamRelease(NamedTuple):
+    """How a beam starts: the nodal load that held it, (n_nodes, 3) and of any size, and what rings.
+
+    A load of None is the modal force of its first mode. ``state`` is the coordinate and its rate
+    where these too were read from all sensors: where the beam was hit, or higher modes are loud.
+    """
+
+    load: Array | None = None
+    ringing: RingingModes | None = None
+    state: tuple[float, float] | None = None
+
+
+def read_release(
+    seen: InstrumentedBeam,
+    beam: Beam,
+    start: tuple[float, float],
+    measured: Array,
+    dt: float,
+    derivative: int = 0,
+) -> BeamRelease:
+    """Read how a beam starts in its bending modes: where each is and, if it moves, how fast.
+
+    Errors of the damping and the frequency of each are fitted beside, so that what the beam lacks
+    is not taken for a part of the release.
+
+    The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
+    the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
+    n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
+    """
+    (q, q_dot), modes = start, bending(beam, dt)
+    n = min(int(_CYCLES * 2 * np.pi / modes.omega[0] / dt) + 1, len(measured))
+    amplitude = float(np.hypot(q, q_dot / modes.omega[0]))
+    moves = abs(q_dot) > MOVING * modes.omega[0] * amplitude
+    begun = _FirstCycles(seen, beam, modes, amplitude, measured[:n], dt, derivative)
+    state: Array = np.zeros(2 * len(modes.omega))
+    state[[0, len(modes.omega)]] = start / begun.sizes[[0, -1]]
+    here = begun.simulated(state)
+    for _ in range(_ROUNDS):
+        try:
+            step, misfit = begun.step(state, here, moves)
+        except FAILURES:  # what was read so far can be held
+            break
+        before = here
+        state, here = _towards(begun.simulated, state, step, here, misfit)
+        if np.linalg.norm(here - before) <= _READ * np.linalg.norm(here):
+            break
+    displaced, rates = np.split(state * begun.sizes, 2)
+    size = np.hypot(displaced, rates / modes.omega)
+    loud = moves or size[1:].max(initial=0.0) > _LOUD * size[0]
+    first = (float(displaced[0]), float(rates[0])) if loud else None
+    return BeamRelease(None, modes.ringing(displaced[1:], rates[1:]), first)
+
+
+def ringing(
+    beam: Beam, start: tuple[float, float], release: BeamRelease, modes: int, dt: float
+) -> BeamRelease:
+    """A release that rings the modes up to a number a little more."""
+    own, (q, q_dot) = bending(beam, dt), start
+    more = np.where(np.arange(len(own.omega) - 1) < modes - 1, _STEP, 0.0)
+    now = release.ringing or own.ringing(0 * more, 0 * more)
+    if abs(q_dot) > own.omega[0] * abs(q):
+        return release._replace(ringing=now._replace(rates=now.rates + more * q_dot))
+    return release._replace(ringing=now._replace(displaced=now.displaced + more * q))
+
+
+class Bending(NamedTuple):
+    """The first bending modes of a beam that the sampling shows."""
+
+    momenta: Array  # (n_modes, n_nodes, 3)
+    omega: Array  # (n_modes,), rad/s
+
+    def ringing(self, displaced: Array, rates: Array) -> RingingModes:
+        """How all but the first start, (n_modes - 1,) each, kg^0.5 m and s."""
+        forces = self.momenta * self.omega[:, None, None] ** 2
+        return RingingModes(self.momenta[1:], forces[1:], displaced, rates)
+
+
+def bending(beam: Beam, dt: float) -> Bending:
+    """The first bending modes of a beam that samples every ``dt``, s, show."""
+    free = int(np.count_nonzero(~beam.assembly.fixed))
+    basis = beam.modes(count=min(2 * _HIGHER + 2, free - 2))
+    first, *higher = np.flatnonzero(basis.axial < _AXIAL)[: 1 + _HIGHER]
+    shown = [first, *(m for m in higher if basis.omega[m] * dt < _RESOLVED * np.pi)]
+    return Bending(basis.momenta[shown], basis.omega[shown])
+
+
+def steps(fastest: float, dt: float) -> int:
+    """So many steps to a sample that a mode of some rad/s is not damped by them."""
+    return max(int(np.ceil(fastest * dt / _TURN)), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _FirstCycles:
+    """What the sensors read first of a beam, beside what is simulated from the states of its modes.
+
+    A state is a displacement of each mode and then a rate of each, in units of its own.
+    """
+
+    seen: InstrumentedBeam
+    beam: Beam
+    modes: Bending
+    amplitude: float  # kg^0.5 m
+    measured: Array  # (n, n_sensors)
+    dt: float
+    derivative: int
+
+    @property
+    def sizes(self) -> Array:
+        """Units of a state: each mode has the energy that the first has at its amplitude."""
+        omega = self.modes.omega
+        rate = self.amplitude * omega[0]
+        return np.concatenate([rate / omega, np.full(len(omega), rate)])
+
+    def simulated(self, state: Array) -> Array:
+        """What the sensors read from a state on."""
+        (q, *displaced), (q_dot, *rates) = np.split(state * self.sizes, 2)
+        rung, finer = self.modes.ringing(np.array(displaced), np.array(rates)), self._finer
+        duration, step = (len(self.measured) - 0.5) * self.dt, self.dt / finer
+        motion = self.seen.motion(self.beam, q, duration, step, q_dot=q_dot, ringing=rung)
+        return motion[self.derivative][::finer]
+
+    @property
+    def _finer(self) -> int:
+        return steps(self.seen.fastest, self.dt)
+
+    def step(
+        self, state: Array, here: Array, moves: bool
+    ) -> tuple[Array, Callable[[Array], float]]:
+        """A step from a state towards what was measured, and how far readings are from that."""
+        unknown = np.repeat([True, moves], len(self.modes.omega))
+        tried = state + _STEP * np.eye(len(state))[unknown]
+        changes = [(self.simulated(other) - here) / _STEP for other in tried]
+        # What the beam lacks damps and detunes each mode otherwise.
+        t = self.dt * np.arange(len(here))[:, None]
+        turned = [] if moves else [np.gradient(c, self.dt, axis=0) for c in changes]
+        off = self._over_noise([t * c for c in (*changes, *turned)])
+        matrix = np.hstack([self._over_noise(changes), off])
+        matrix /= (scale := np.linalg.norm(matrix, axis=0))
+        wanted = self._over_noise([self.measured - here])[:, 0]
+        found = (np.linalg.lstsq(matrix, wanted, rcond=None)[0] / scale)[: len(changes)]
+        return found @ np.eye(len(state))[unknown], partial(self._misfit, off=off)
+
+    def _misfit(self, here: Array, off: Array) -> float:
+        return float(np.linalg.norm(without(self._over_noise([self.measured - here]), off)))
+
+    def _over_noise(self, columns: Sequence[Array]) -> Array:
+        # Without noise there is nothing to weigh, and nothing to divide by.
+        least = 1e-9 * float(np.abs(self.measured).max())
+        noise = np.maximum([noise_std(y) for y in self.measured.T], least)
+        return np.stack([(c / noise).ravel() for c in columns], axis=1)
+
+
+def _towards(
+    simulated: Callable[[Array], Array],
+    ratios: Array,
+    step: Array,
+    here: Array,
+    misfit: Callable[[Array], float],
+) -> tuple[Array, Array]:
+    """A step from ratios, as far as the beam can be held and comes nearer; what is there."""
+    least = misfit(here)
+    for share in _SHARES:
+        try:
+            there = simulated(ratios + share * step)
+        except FAILURES:  # half as far
+            continue
+        if misfit(there) < least:
+            return ratios + share * step, there
+    return ratios, here
