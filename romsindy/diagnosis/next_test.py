@@ -149,6 +149,8 @@ class Advice:
         aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
         if self.enough:
             return f"{self.action} would {aim} {expected}."
+        if self.odds == 1.0:
+            return f"nothing that vibrates would {aim}; what does: {self.action}."
         best = f"the best of them is {self.action} {expected}"
         beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
         return f"no test that was simulated would {aim}; {best}{beside}."

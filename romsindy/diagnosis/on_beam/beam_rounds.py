@@ -30,6 +30,7 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
@@ -251,6 +252,16 @@ class BeamRounds(Rounds):
         if agreed:
             return self._with_error(found, place)
         return found, None if place is None else place.untold()
+
+    def no_less(self, report: DiagnosisReport) -> DiagnosisReport:
+        """A report that tells what does exactly the same to this beam beside what it names."""
+        alike = that_do_the_same(self.seen.beam)
+        there = [
+            h for h in (report.best, *report.compared) if 0 < len(h.names) and {*h.names} <= alike
+        ]
+        if report.best not in there:
+            return report
+        return undecided(report, {names_of(h): h for h in there})
 
     @property
     def places(self) -> dict[str, float]:
