@@ -238,7 +238,7 @@ class BeamRounds(Rounds):
                 if best.names == report.best.names and not (moved or loud):
                     again = self.run(effects_at(self.places), found.corrected, found.parts)
                 else:
-                    self.releases = list(self.given)
+                    self.releases = [self._start(i, parts).release for i in range(len(self.raw))]
                     again = self.run(effects_at(self.places), self.simulate(parts), parts)
             except FAILURES:  # there it would have to be stronger than the beam bears
                 return found, None
@@ -396,7 +396,8 @@ class BeamRounds(Rounds):
         own = self.raw[i].between(self.records[i].decay.t[0])
         release = self.given[i]
         if release is None:
-            release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
+            measured = own.signal, own.dt, own.derivative
+            release = read_release(self.seen, beam, start, *measured, near=self.releases[i])
         modes = self.seen.shapes.shape[1]
         start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
