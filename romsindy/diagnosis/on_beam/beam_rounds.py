@@ -190,6 +190,19 @@ class BeamRounds(Rounds):
             e for e in effects if e.name not in there or place_now(self.seen, e) == there[e.name]
         ]
 
+    def run(
+        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
+    ) -> Outcome:
+        """As of any structure; records left out come back where the others lack nothing.
+
+        They are the loudest: what acts beyond an amplitude may be in them alone.
+        """
+        found = super().run(effects, before, parts)
+        if found.report.verdict != "none" or not self.loud:
+            return found
+        self.clear = list(range(len(self.records)))
+        return super().run(effects, found.corrected, found.parts)
+
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
         """Of a family that does the same to the first mode, a member whose place is known.
 
