@@ -26,7 +26,7 @@ from romsindy.typing import Array
 FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
-_RESOLVED = 0.8  # of the largest frequency that the sampling shows
+_RESOLVED = 0.95  # of the largest frequency that the sampling shows
 _STEP = 0.02  # of the amplitude, for differences
 _TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
 _CYCLES = 3  # from which the release is read: noise hides in one what rings a little
