@@ -204,18 +204,18 @@ class _FirstCycles:
 
 def _towards(
     simulated: Callable[[Array], Array],
-    ratios: Array,
+    state: Array,
     step: Array,
     here: Array,
     misfit: Callable[[Array], float],
 ) -> tuple[Array, Array]:
-    """A step from ratios, as far as the beam can be held and comes nearer; what is there."""
+    """A step from a state, as far as the beam can be held and comes nearer; what is there."""
     least = misfit(here)
     for share in _SHARES:
         try:
-            there = simulated(ratios + share * step)
+            there = simulated(state + share * step)
         except FAILURES:  # half as far
             continue
         if misfit(there) < least:
-            return ratios + share * step, there
-    return ratios, here
+            return state + share * step, there
+    return state, here

@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.found import titles
-from romsindy.diagnosis.next_test import Advice, Experiment, MoreOfIt
+from romsindy.diagnosis.next_test import Advice, Experiment, MoreOfIt, WithoutMotion
 from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -111,7 +111,7 @@ class BeamReport(StructureReport):
         alike = all(h.effects and linear(h.effects) for h in rivals)
         names = {name for h in rivals for name in h.names}
         if len(rivals) > 1 and names <= that_do_the_same(self.seen.beam):
-            return Advice(_WEIGHED, _WEIGHED.words, 1.0, tuple(titles(h) for h in rivals))
+            return WithoutMotion(_WEIGHED, _WEIGHED.words, 1.0, tuple(titles(h) for h in rivals))
         if self.verdict == "ambiguous" and len(rivals) > 1 and alike and len(noise):
             return next_release(self.seen, rivals, largest, noise, self.slack)
         advice = self.reduced.next_test
