@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Sensor
+from romsindy.beam.changes import Denser, StifferBending, StifferMaterial
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.defect import OnBeam
+from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
     BeamRelease,
@@ -43,6 +47,16 @@ def test_what_rings_after_a_release_is_read_from_the_sensors():
     # the first where it bends far, 1e-3, are no ringing.
     np.testing.assert_allclose(ringing.displaced / 0.016, exact[1:] / exact[0], atol=3e-3)
     assert not ringing.rates.any()
+
+
+def test_a_mode_that_is_sampled_barely_twice_a_cycle_is_read():
+    """The sensors tell three modes apart; one that was not read rang in the record alone."""
+    basis = BEAM.modes(count=3)
+    step = 0.9 * np.pi / basis.omega[2]
+    readings = SEEN.readings(BEAM, 0.016, 0.5, step / 8, TIP)[::8]
+    ringing = read_release(SEEN, BEAM, (0.016, 0.0), readings, step).ringing
+    exact = basis.shapes[:, -1, 1] / basis.omega**2
+    np.testing.assert_allclose(ringing.displaced / 0.016, exact[1:] / exact[0], atol=3e-3)
 
 
 def test_a_release_is_read_as_far_as_the_beam_can_be_held():
@@ -166,3 +180,29 @@ def test_a_beam_without_a_free_end_is_diagnosed(hidden, name):
     assert values[name] == pytest.approx(hidden, rel=0.05)
     if report.names == name:
         assert report.effects[0].label.endswith("at 0.225 m")
+
+
+@pytest.mark.parametrize("beam", [SPAN, replace(BEAM, effects=())], ids=["span", "cantilever"])
+def test_what_moves_a_beam_alone_is_its_modulus_over_its_density(beam):
+    """M and K grow by one factor each: sag, frequencies and damping are those of their ratio."""
+    (stiffness,) = that_do_the_same(beam) - {"density"}
+    change = {"modulus": StifferMaterial, "bending_stiffness": StifferBending}[stiffness]
+    one, other = beam.with_effect(Denser(1 / 1.03 - 1)), beam.with_effect(change(0.03))
+    first, second = (b.modes(count=3) for b in (one, other))
+    # An axial stiffness of its own moves a cantilever by a part in a million.
+    np.testing.assert_allclose(first.omega, second.omega, rtol=1e-5)
+    sag, same = (m.equilibrium.displacement for m in (first, second))
+    np.testing.assert_allclose(sag, same, rtol=1e-5, atol=1e-8)
+    assert not that_do_the_same(BEAM)  # its spring and mass keep theirs
+
+
+@pytest.mark.slow
+def test_a_density_is_told_beside_the_modulus_that_does_the_same():
+    truth = SPAN.with_effect(Denser(0.03))
+    decays = [
+        pulled(SPAN_SEEN, truth, q, i, None, duration=2.0, step=2e-3)
+        for i, q in enumerate((2e-4, 1.65e-4))
+    ]
+    report = rs.diagnose(SPAN, decays[:1], sensors=SPAN_SEEN.sensors, held_out=decays[1])
+    assert report.verdict == "ambiguous" and report.family.members == ("modulus", "density")
+    assert "nothing that vibrates would separate" in report.sentence

@@ -240,3 +240,19 @@ def test_a_vibration_that_goes_on_fading_is_no_noise():
     record = Record.loud(rs.Decay(T, fading + 1e-4 * STD * white(np.random.default_rng(0))), 1e-9)
     alone = Record.of(record.decay, 1e-9)
     assert record.noise.std == alone.noise.std
+
+
+# A hum of 5 % that lasts three times as long is the loudest line: it is taken for the vibration.
+@pytest.mark.parametrize(
+    ("length", "rate", "hum"), [(10.0, 400.0, 0.02), (10.0, 400.0, 0.05), (20.0, 1000.0, 0.02)]
+)
+def test_a_record_that_a_hum_outlasts_ends_where_its_vibration_does(length, rate, hum):
+    """Dry friction stops it after 6 s; a hum goes on, louder than the end of the vibration."""
+    t = np.arange(0, length, 1 / rate)
+    q = np.maximum(1 - t / 6, 0) * np.cos(2 * np.pi * 4.73 * t)
+    q += 3e-3 * np.random.default_rng(0).standard_normal(len(t))
+    ends = []
+    for x in (q, q + hum * np.sin(2 * np.pi * 50.0 * t)):
+        ends.append(Record.loud(rs.Decay(t, x), 1e-3).decay.t[-1])
+    assert ends[0] == pytest.approx(6, abs=0.2)  # a cycle: over one the amplitude is taken
+    assert ends[1] == pytest.approx(ends[0], abs=0.2)

@@ -28,6 +28,12 @@ MAKERS = {**laws.MAKERS, **memory.MAKERS, **outside.MAKERS, **memory.OUTSIDE}
 IN_CATALOGUE = tuple(
     n for n in (*laws.MAKERS, *memory.MAKERS, *outside.MAKERS) if n != "bias"
 )  # the zero of a displacement is removed before anything is compared
+# Of two that are hidden each is of another group: they do not stand for one another.
+GROUPS = (
+    ("viscous", "quadratic_drag", "cubic_damping", "dry_friction", "hysteretic"),
+    ("linear_frequency", "cubic_stiffness", "quadratic_stiffness", "bilinear", "stop", "magnet"),
+    ("base_excitation", "mains_hum", "second_mode", "tuned_mass"),
+)
 QUANTITIES = ("displacement", "velocity", "acceleration")
 _TURN = 2 * np.pi
 
@@ -234,8 +240,8 @@ def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> 
 def chosen(kind: str, seed: int) -> tuple[list[str], str, str]:
     """Names of the hidden effects, their strength, and the noise, of one trial of a kind.
 
-    Kinds: "hidden" (medium and strong), "weak", "null_<noise>", "outside". Every effect comes in
-    turn, so that a few trials hold different ones.
+    Kinds: "hidden" (medium and strong), "weak", "two" (effects), "null_<noise>", "outside". Every
+    effect comes in turn, so that a few trials hold different ones.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed, 1])
     if kind.startswith("null_"):
@@ -244,6 +250,11 @@ def chosen(kind: str, seed: int) -> tuple[list[str], str, str]:
     if kind == "outside":
         name = list(memory.OUTSIDE)[seed % len(memory.OUTSIDE)]
         return [name], str(rng.choice(["medium", "strong"])), noise
+    if kind == "two":
+        groups = rng.permutation(len(GROUPS))[:2]
+        both = [str(rng.choice(GROUPS[g])) for g in groups]
+        quiet = "white" if "mains_hum" in both and noise == "hum" else noise
+        return both, str(rng.choice(["medium", "strong"])), quiet
     order = np.random.default_rng(seed // len(IN_CATALOGUE)).permutation(len(IN_CATALOGUE))
     name = IN_CATALOGUE[order[seed % len(IN_CATALOGUE)]]
     if name == "mains_hum" and noise == "hum":

@@ -115,6 +115,7 @@ ROWS = {
         Row("hidden", 200, "92 / 97 / at most 1 %, 1.3 names in a set", reduced("hidden")),
         Row("weak", 50, 'right, or "none"; named and wrong at most 4 %', reduced("weak")),
         Row("weak_fine", 50, "65 / 88 / at most 4 %, 1.3 names in a set", reduced("weak", FINE)),
+        Row("two", 40, "both in the set in 85 %; at most 120 s", reduced("two")),
         Row("itself", 50, '"none" in all', against_itself),
         Row("example", 50, '"none" in all', other_seed),
         Row("repeats", len(REPEATS), '"none" in all', repeated),

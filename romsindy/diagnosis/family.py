@@ -99,8 +99,8 @@ class EffectFamily:
         of = listed(list(dict.fromkeys(map(titles, self.rivals))), "or")
         both = "; ".join(filter(None, (both, odds)))
         # A density and a stiffness may go with all modes alike, not so kinds of damping.
-        would = "would" if self.name == DAMPING else "may"
-        return f"{size} ({both}): {of}; a mode that rings beside the first {would} tell them apart"
+        tells = "; a mode that rings beside the first would tell them apart"
+        return f"{size} ({both}): {of}{tells if self.name == DAMPING else ''}"
 
 
 def small_vibration(

@@ -142,16 +142,29 @@ class Advice:
         return bool(2 * np.log(self.odds) >= EQUIVALENT)
 
     @property
+    def _aim(self) -> str:
+        *others, last = self.rivals
+        return f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
+
+    @property
     def sentence(self) -> str:
         """The advice in words, to follow "Next: "."""
-        *others, last = self.rivals
         expected = f"(expected odds {float(f'{self.odds:.2g}'):g} : 1)"
-        aim = f"separate {', '.join(others)} {'and' if len(others) > 1 else 'from'} {last}"
+        aim = self._aim
         if self.enough:
             return f"{self.action} would {aim} {expected}."
         best = f"the best of them is {self.action} {expected}"
         beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
         return f"no test that was simulated would {aim}; {best}{beside}."
+
+
+@dataclass(frozen=True)
+class WithoutMotion(Advice):
+    """A test that moves nothing, where rivals do exactly the same to every motion."""
+
+    @property
+    def sentence(self) -> str:
+        return f"nothing that vibrates would {self._aim}; what does: {self.action}."
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
@@ -189,6 +190,19 @@ class BeamRounds(Rounds):
             e for e in effects if e.name not in there or place_now(self.seen, e) == there[e.name]
         ]
 
+    def run(
+        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
+    ) -> Outcome:
+        """As of any structure; records left out come back where the others lack nothing.
+
+        They are the loudest: what acts beyond an amplitude may be in them alone.
+        """
+        found = super().run(effects, before, parts)
+        if found.report.verdict != "none" or not self.loud:
+            return found
+        self.clear = list(range(len(self.records)))
+        return super().run(effects, found.corrected, found.parts)
+
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
         """Of a family that does the same to the first mode, a member whose place is known.
 
@@ -237,7 +251,7 @@ class BeamRounds(Rounds):
                 if best.names == report.best.names and not (moved or loud):
                     again = self.run(effects_at(self.places), found.corrected, found.parts)
                 else:
-                    self.releases = list(self.given)
+                    self.releases = [self._start(i, parts).release for i in range(len(self.raw))]
                     again = self.run(effects_at(self.places), self.simulate(parts), parts)
             except FAILURES:  # there it would have to be stronger than the beam bears
                 return found, None
@@ -251,6 +265,16 @@ class BeamRounds(Rounds):
         if agreed:
             return self._with_error(found, place)
         return found, None if place is None else place.untold()
+
+    def no_less(self, report: DiagnosisReport) -> DiagnosisReport:
+        """A report that tells what does exactly the same to this beam beside what it names."""
+        alike = that_do_the_same(self.seen.beam)
+        there = [
+            h for h in (report.best, *report.compared) if 0 < len(h.names) and {*h.names} <= alike
+        ]
+        if report.best not in there:
+            return report
+        return undecided(report, {names_of(h): h for h in there})
 
     @property
     def places(self) -> dict[str, float]:
@@ -385,7 +409,8 @@ class BeamRounds(Rounds):
         own = self.raw[i].between(self.records[i].decay.t[0])
         release = self.given[i]
         if release is None:
-            release = read_release(self.seen, beam, start, own.signal, own.dt, own.derivative)
+            measured = own.signal, own.dt, own.derivative
+            release = read_release(self.seen, beam, start, *measured, near=self.releases[i])
         modes = self.seen.shapes.shape[1]
         start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))

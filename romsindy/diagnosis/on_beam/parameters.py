@@ -140,6 +140,16 @@ def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     )
 
 
+def that_do_the_same(beam: Beam) -> frozenset[str]:
+    """Parameters that nothing tells apart: of a beam alone only E / rho says how it moves.
+
+    Springs and masses on it, and clamps that give way, have a stiffness or a mass of their own.
+    """
+    if beam.effects or beam.left.rotational_stiffness or beam.right.rotational_stiffness:
+        return frozenset()
+    return frozenset({"density", "modulus" if any(beam.right.fixed) else "bending_stiffness"})
+
+
 def parameter_effects(
     seen: InstrumentedBeam,
     amplitude: float,

@@ -26,7 +26,7 @@ from romsindy.typing import Array
 FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
-_RESOLVED = 0.8  # of the largest frequency that the sampling shows
+_RESOLVED = 0.95  # of the largest frequency that the sampling shows
 _STEP = 0.02  # of the amplitude, for differences
 _TURN = 0.7  # rad, of a mode in a step: Radau's damping, z^6 / 7200, is 2e-5 then
 _CYCLES = 3  # from which the release is read: noise hides in one what rings a little
@@ -57,6 +57,7 @@ def read_release(
     measured: Array,
     dt: float,
     derivative: int = 0,
+    near: BeamRelease | None = None,
 ) -> BeamRelease:
     """Read how a beam starts in its bending modes: where each is and, if it moves, how fast.
 
@@ -65,15 +66,15 @@ def read_release(
 
     The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
     the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
-    n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
+    n_sensors), m and s: displacement, velocity or acceleration by ``derivative``. It is looked for
+    from what was read with other effects on, ``near``, if there is such.
     """
     (q, q_dot), modes = start, bending(beam, dt)
     n = min(int(_CYCLES * 2 * np.pi / modes.omega[0] / dt) + 1, len(measured))
     amplitude = float(np.hypot(q, q_dot / modes.omega[0]))
     moves = abs(q_dot) > MOVING * modes.omega[0] * amplitude
     begun = _FirstCycles(seen, beam, modes, amplitude, measured[:n], dt, derivative)
-    state: Array = np.zeros(2 * len(modes.omega))
-    state[[0, len(modes.omega)]] = start / begun.sizes[[0, -1]]
+    state = begun.state(start, near)
     here = begun.simulated(state)
     for _ in range(_ROUNDS):
         try:
@@ -151,6 +152,17 @@ class _FirstCycles:
         rate = self.amplitude * omega[0]
         return np.concatenate([rate / omega, np.full(len(omega), rate)])
 
+    def state(self, first: tuple[float, float], near: BeamRelease | None) -> Array:
+        """A state in which the higher modes are at rest, or as they were read before."""
+        state = np.zeros((2, len(self.modes.omega)))
+        state[:, 0] = first
+        if near is not None and near.ringing is not None:
+            rung = near.ringing
+            state[:, 0] = near.state or first
+            n = min(len(rung.rates), len(self.modes.omega) - 1)
+            state[:, 1 : n + 1] = rung.displaced[:n], rung.rates[:n]
+        return np.asarray(state.ravel() / self.sizes)
+
     def simulated(self, state: Array) -> Array:
         """What the sensors read from a state on."""
         (q, *displaced), (q_dot, *rates) = np.split(state * self.sizes, 2)
@@ -192,18 +204,18 @@ class _FirstCycles:
 
 def _towards(
     simulated: Callable[[Array], Array],
-    ratios: Array,
+    state: Array,
     step: Array,
     here: Array,
     misfit: Callable[[Array], float],
 ) -> tuple[Array, Array]:
-    """A step from ratios, as far as the beam can be held and comes nearer; what is there."""
+    """A step from a state, as far as the beam can be held and comes nearer; what is there."""
     least = misfit(here)
     for share in _SHARES:
         try:
-            there = simulated(ratios + share * step)
+            there = simulated(state + share * step)
         except FAILURES:  # half as far
             continue
         if misfit(there) < least:
-            return ratios + share * step, there
-    return ratios, here
+            return state + share * step, there
+    return state, here

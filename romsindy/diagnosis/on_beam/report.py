@@ -12,11 +12,13 @@ import numpy as np
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis import words
-from romsindy.diagnosis.next_test import Advice, MoreOfIt
+from romsindy.diagnosis.found import titles
+from romsindy.diagnosis.next_test import Advice, Experiment, MoreOfIt, WithoutMotion
 from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.next_release import next_release
+from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.on_beam.within_tolerances import (
@@ -31,6 +33,8 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 )
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.fit.kernel.part import Part
+
+_WEIGHED = Experiment("to weigh the beam", 1.0)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -105,6 +109,9 @@ class BeamReport(StructureReport):
         rivals, largest = self.reduced.rivals, max(self.reduced.records, key=lambda r: r.amplitude)
         noise = np.array([e.noise for e in self.sensor_errors])
         alike = all(h.effects and linear(h.effects) for h in rivals)
+        names = {name for h in rivals for name in h.names}
+        if len(rivals) > 1 and names <= that_do_the_same(self.seen.beam):
+            return WithoutMotion(_WEIGHED, _WEIGHED.words, 1.0, tuple(titles(h) for h in rivals))
         if self.verdict == "ambiguous" and len(rivals) > 1 and alike and len(noise):
             return next_release(self.seen, rivals, largest, noise, self.slack)
         advice = self.reduced.next_test

@@ -20,7 +20,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Spectrum, distortion, noise_std, settling
+from romsindy.record.spectrum import Line, Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
@@ -89,9 +89,11 @@ class Record(Prepared):
         decay = decay.single()
         white = noise_std(decay.signal)
         record = cls.of(_loud(decay, white), floor)
-        # Coloured noise is louder than it seems from its quietest part.
-        loud = record.noise.std > _LOUDER * white
-        record = cls.of(_loud(decay, record.noise.std), floor) if loud else record
+        # Coloured noise is louder than it seems from its quietest part; a hum goes on.
+        noise = record.noise.std
+        lines = [line for line in record.noise.lines if line.rms > noise]
+        if noise > _LOUDER * white or lines:
+            record = cls.of(_loud(decay, noise, lines), floor)
         after = _after(decay, record)
         return record if after is None else cls.of(record.decay, floor, after)
 
@@ -240,9 +242,10 @@ def _steps_per_cycle(noise_share: float) -> int:
     return int(np.clip(steps, _LEAST_STEPS, _MOST_STEPS))
 
 
-def _loud(decay: Decay, noise: float) -> Decay:
+def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
     x = decay.signal
     centred, cycle = swing(x)
+    centred = centred - _steady(centred, decay.t, lines)
     envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
     top = int(np.argmax(envelope))
     first = 0
@@ -257,6 +260,18 @@ def _loud(decay: Decay, noise: float) -> Decay:
             " cycles: it is noise, or another channel vibrates"
         )
     return decay.between(decay.t[first], decay.t[above[-1]])
+
+
+def _steady(x: Array, t: Array, lines: Sequence[Line]) -> Array:
+    """What lines add to a signal (n,) from end to end, their frequencies known to some 1 / T."""
+    share = np.linspace(-1.0, 1.0, len(t))
+    rotating = np.stack(
+        [share**k * np.exp(2j * np.pi * line.frequency * t) for line in lines for k in range(4)]
+        or [0j * t],
+        axis=1,
+    )
+    columns = np.hstack([rotating.real, rotating.imag])
+    return np.asarray(columns @ np.linalg.lstsq(columns, x)[0])
 
 
 def _after(decay: Decay, record: Record) -> Array | None:
