@@ -36,6 +36,8 @@ class ProcessNoise:
     known: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
     # What other modes say of effects: see `Hypothesis.elsewhere`
     elsewhere: Mapping[frozenset[str], float] = field(default_factory=dict)
+    # Changes of unsure values that matter: see `Hypothesis.matters`
+    matters: Mapping[str, float] = field(default_factory=dict)
 
     def fitted(
         self,
@@ -54,7 +56,8 @@ class ProcessNoise:
                 solution = fit(model, *given, fixed=True, iterations=_CHECKS)
                 solution = replace(solution, converged=False)
             found = Hypothesis.of(model, solution, n_free, records)
-            return replace(found, n_unsure=n_unsure, elsewhere=self.elsewhere)
+            known = {"elsewhere": self.elsewhere, "matters": self.matters}
+            return replace(found, n_unsure=n_unsure, **known)
 
     def further(
         self, model: ReducedModel, records: Sequence[Record], hypothesis: Hypothesis
@@ -163,8 +166,8 @@ class DecaySearch(Search):
         if best.moved:
             seen += self._instead(base)
             beside = best.effects if len(best.effects) < self.options.max_effects else ()
-            if beside and not best.forced:
-                seen += self._instead(best, beside)
+            if beside and (best.material or not best.forced):
+                seen += self._instead(best if best.forced else base, beside)
             best = self._other_than_values(best, seen)
         best, tried = self.pruned(best, seen)
         seen += tried
@@ -172,9 +175,10 @@ class DecaySearch(Search):
 
     def _other_than_values(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> Hypothesis:
         """Unsure values alone are blamed unless something else fits distinctly better."""
-        margin = 0.0 if best.forced else EQUIVALENT
+        blamed = {*best.names} & {*best.moved}
+        margin = EQUIVALENT if blamed else 0.0
         most = len(best.effects) + 1
-        instead = [h for h in seen if 0 < len(h.effects) <= most and not h.moved]
+        instead = [h for h in seen if 0 < len(h.effects) <= most and not blamed & {*h.moved}]
         other = self.ranked([best, *instead])[0]
         return other if other.score + margin < best.at(other.noise).score else best
 
@@ -207,34 +211,56 @@ class DecaySearch(Search):
         return left.explained and left.below_floor
 
     def one_more(self, best: Hypothesis) -> list[Hypothesis]:
-        """The survivors of a screening beside a hypothesis; at first pairs of them, if needed."""
+        """The survivors of a screening beside a hypothesis; at first pairs of them, if needed.
+
+        A pair that the screening puts first may do less than one more beside the best alone.
+        """
         screening = self._screened(best)
         tried = self._one_more(best, screening)
         if best.effects or not tried or self.remainder(tried[0]).explained:
             return tried
-        pairs = [*self._pairs(screening), *self._beside_hum(screening)]
-        return self.ranked([*tried, *pairs])
+        beside = self._one_more(tried[0], self._screened(tried[0]))
+        if not beside or not self.remainder(beside[0]).explained:
+            beside += [*self._pairs(screening), *self._beside_hum(screening)]
+        return self.ranked([*tried, *beside])
 
     def _screened(self, best: Hypothesis) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
         left = [e for e in self.options.catalogue if e.name not in used]
+        given = (self.model, best.solution.parts, left, self.records, scales(self.records))
         # Linearised about the measured motion, where all effects have left their mark.
-        return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
+        screening = screen(*given)
+        if not best.effects or screening.base <= best.at(NO_FORM_ERROR).misfit:
+            return screening
+        # That is too far from the fitted one, which explains more.
+        return screen(*given, best.solution.motions)
 
     def _instead(self, base: Hypothesis, beside: tuple[Part, ...] = ()) -> list[Hypothesis]:
-        """Effects that do what values that moved do, with those at their nominal values."""
+        """Effects that do what values that moved do, with those at their nominal values.
+
+        Beside a force these are the values that moved by more than matters; others follow the data.
+        """
         used = {p.effect.name for p in beside}
         left = [e for e in self.options.catalogue if e.name not in used]
-        parts = (*self.free, *beside)
+        held, free = self._held(base)
+        parts, n_held = (*held, *free, *beside), sum(p.strengths.size for p in held)
         screening = screen(self.model, parts, left, self.records, scales(self.records))
-        n_free = sum(p.strengths.size for p in self.free)
-        singles = leaders(screening.singles(held=n_free))
-        slack = SCREENED * (screening.left(held=n_free) - screening.base)
+        singles = leaders(screening.singles(n_held))
+        slack = SCREENED * (screening.left(n_held) - screening.base)
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
         near = [s for i, s in enumerate(singles) if i < _INSTEAD or s.chi_squared < most]
         trials = [[*beside, self._part(s, screening)] for s in near[:_SURVIVORS]]
-        known = tuple(p for p in self.free if p.tolerance is not None)
-        return replace(self, free=known).fitted(trials)
+        return self.with_free(free).fitted(trials)
+
+    def _held(self, beside: Hypothesis) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+        """Unsure values at their nominal ones where an effect takes their place, and the others."""
+        material = beside.material if beside.forced else None
+        held = [
+            p.tolerance is None if material is None else p.effect.name in material
+            for p in self.free
+        ]
+        pairs = list(zip(self.free, held, strict=True))
+        return tuple(p for p, h in pairs if h), tuple(p for p, h in pairs if not h)
 
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""

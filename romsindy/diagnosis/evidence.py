@@ -284,6 +284,8 @@ class Hypothesis:
     n_unsure: int | None = None
     # Misfit of what other modes do, beyond that of the best there, by the names of effects
     elsewhere: Mapping[frozenset[str], float] = field(default_factory=dict)
+    # Changes of unsure values, by name, from which on they matter beside a force
+    matters: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -299,7 +301,7 @@ class Hypothesis:
     ) -> Hypothesis:
         """The same, fitted further."""
         found = Hypothesis.of(model, solution, self.n_free, records)
-        return replace(found, elsewhere=self.elsewhere)
+        return replace(found, elsewhere=self.elsewhere, matters=self.matters)
 
     def at(self, noise: Any) -> Hypothesis:
         """The same by other noise."""
@@ -370,17 +372,25 @@ class Hypothesis:
 
     @property
     def blamed(self) -> tuple[int, ...]:
-        """Which of the parts are missing: effects, and values that moved where no force does.
+        """Which of the parts are missing: effects, and values that moved.
 
-        A force may take part of what a value does; what is wrong in a sensor leaves it as it is.
-        Nothing is wrong in a sensor whose offset, gain and curvature are as they may be.
+        A force may take part of what a value does: beside one a value must have moved by more than
+        matters. What is wrong in a sensor leaves it as it is. Nothing is wrong in a sensor whose
+        offset, gain and curvature are as they may be.
         """
         beside = range(self.n_free, len(self.parts))
         effects = tuple(i for i in beside if not self._as_it_may_be(i))
+        free = {i: self.parts[i].effect.name for i in self.changed}
         if self.forced:
-            return effects
-        free = (i for i in self.changed if self.parts[i].effect.name not in self.unsaid)
-        return (*effects, *free)
+            return (*effects, *(i for i, name in free.items() if name in self.material))
+        return (*effects, *(i for i, name in free.items() if name not in self.unsaid))
+
+    @property
+    def material(self) -> tuple[str, ...]:
+        """Names of the unsure values that surely moved by more than matters."""
+        names = [p.effect.name for p in self.parts[: self.n_free]]
+        asked = [n for n in self.moved if n in self.matters]
+        return tuple(n for n in asked if self.at_least(names.index(n)) > self.matters[n])
 
     @property
     def of_measurement(self) -> tuple[int, ...]:

@@ -262,21 +262,19 @@ def predict(
     parts: Sequence[Part],
     record: Record,
     name: str = name_of(0),
-    near: Trajectory | None = None,
 ) -> Prediction:
-    """What the simulation before and after says about a record; only its start follows it.
-
-    The motion after is ``near`` one that is known, if any: that of other samples of the record.
-    """
+    """What the simulation before and after says about a record; only its start follows it."""
     before = _followed(model, (), record, None)
-    known = {} if near is None else {name: near}
-    return follow(Prediction(record, before, before, name), model, parts, known)
+    return follow(Prediction(record, before, before, name), model, parts, {})
 
 
 def follow(
     before: Prediction, model: ReducedModel, parts: Sequence[Part], near: Mapping[str, Trajectory]
 ) -> Prediction:
-    """The same with what the simulation says with some parts."""
+    """The same with what the simulation says with some parts.
+
+    Its motion is ``near`` one that is known, if any: that of other samples of the record.
+    """
     if not parts:
         return before
     after = _followed(model, parts, before.record, near.get(before.name))

@@ -193,12 +193,22 @@ class Search(ABC):
     def pruned(
         self, best: Hypothesis, known: Sequence[Hypothesis] = ()
     ) -> tuple[Hypothesis, list[Hypothesis]]:
-        """Drop effects that the others have made superfluous; what was tried as well."""
+        """Drop effects that the others have made superfluous; what was tried as well.
+
+        Where a value moves instead by more than matters no less is said: the likelier is taken.
+        """
         seen: list[Hypothesis] = []
         while len(best.effects) > 1 and not self.options.over:
             fewer = self.without_one(best, [*seen, *known])
             seen += fewer
-            if not fewer or self.worth(shortest := self.ranked(fewer)[0], best):
+            if not fewer:
+                break
+            shortest = self.ranked(fewer)[0]
+            if len(shortest.names) < len(best.names):
+                kept = self.worth(shortest, best)
+            else:
+                kept = self.ranked([shortest, best])[0] is not shortest
+            if kept:
                 break
             best = shortest
         return best, seen
@@ -229,7 +239,7 @@ def rivals_of(
         return [best]
     found = {frozenset(best.names): best}
     # One effect may stand for values that moved.
-    instead = not best.effects or (best.changed and not best.forced)
+    instead = not best.effects or any(i < best.n_free for i in best.blamed)
     most = len(best.effects) + bool(instead)
     for h in compared:
         near = h.score - best.score < EQUIVALENT

@@ -30,7 +30,15 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.kernel.part import Coefficient, Part, extended, in_place
 from romsindy.fit.records.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import AS_WELL, NEARLY_WHOLE, NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
+from romsindy.fit.verdict import (
+    AS_WELL,
+    EQUIVALENT,
+    NEARLY_WHOLE,
+    NOTHING_LEFT,
+    ROUNDED,
+    SHARED,
+    UNJUDGED,
+)
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -61,7 +69,8 @@ def diagnose_model(
     parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
     sought = _sought(model, options.catalogue, parts, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
-    search = DecaySearch(*given, ProcessNoise(form, elsewhere or {}))
+    usual = over_all(options.tolerance, as_it_was.differences_before)
+    search = DecaySearch(*given, ProcessNoise(form, elsewhere or {}, _least_changes(model, usual)))
     exact = search.with_free(()).hypothesis([])
     slack = search.with_free(nuisances(records.learning)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
@@ -70,13 +79,14 @@ def diagnose_model(
         found, records = _validated(search, exact, found, records)
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
-    explained = partial(_explained, search, records, as_it_was, own)
+    compared = [predict(model, (), r, name) for name, r in records.compared.items()]
+    on_tests = Gap(tuple(compared), bool(records.tests))
+    explained = partial(_explained, search, on_tests, as_it_was, own)
     # The reduction of a structure is known no better than to a tolerance.
     found = found if own_values else _that_matter(search, explained, found)
     known = agree or found.interrupted
     plain = [slack] if known else without_effects(search, slack, found.base, others)
-    usual = over_all(options.tolerance, as_it_was.differences_before)
-    values = [_without_small(h, model, usual) for h in plain]
+    values = [_without_small(h) for h in plain]
     best = found.rivals[0]
     effect = explained(_snapped(search, best, records.compared)) if best.names else None
     rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form, own_values)
@@ -219,20 +229,24 @@ def _verdict(answer: Answer, found: Finding, rivals: Sequence[Hypothesis]) -> Ve
 
 def _explained(
     search: DecaySearch,
-    records: _Records,
+    on_tests: Gap,
     as_it_was: Gap,
     own: frozenset[str],
     hypothesis: Hypothesis,
 ) -> Explanation:
-    """A hypothesis with what it leaves and changes; ``own`` are names of values of the model."""
+    """A hypothesis with what it leaves and changes; ``own`` are names of values of the model.
+
+    The gaps are those of the simulation, on what explanations are compared on and on whole records.
+    """
     near, given = motions_of(hypothesis), (search.model, hypothesis.parts)
-    predictions = [predict(*given, r, name, near.get(name)) for name, r in records.compared.items()]
-    whole = [follow(p, *given, near) for p in as_it_was.predictions]
+    gaps = [
+        replace(gap, predictions=tuple(follow(p, *given, near) for p in gap.predictions))
+        for gap in (on_tests, as_it_was)
+    ]
     return Explanation(
         hypothesis,
         search.remainder(hypothesis),
-        Gap(tuple(predictions), bool(records.tests)),
-        replace(as_it_was, predictions=tuple(whole)),
+        *gaps,
         lacking=not own.issuperset(hypothesis.names),
     )
 
@@ -259,18 +273,19 @@ def _rivals(
     return [*rivals, answer.rival.hypothesis.at(best.noise)]
 
 
-def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance) -> Hypothesis:
+def _least_changes(model: ReducedModel, tolerance: Tolerance) -> dict[str, float]:
+    """Changes of linear values from which on they are beyond a tolerance, by their names."""
+    known = model.coefficients
+    return {
+        LinearFrequency.name: 2 * tolerance.frequency * abs(known.get("omega^2", 0.0)),
+        Viscous.name: tolerance.damping * abs(known.get("c_linear", 0.0)),
+    }
+
+
+def _without_small(plain: Hypothesis) -> Hypothesis:
     """The same; of several values that moved it says what is surely beyond the tolerance."""
-    most = {"linear_frequency": 2 * tolerance.frequency, "viscous": tolerance.damping}
-    keys = {"linear_frequency": "omega^2", "viscous": "c_linear"}
-    names = [p.effect.name for p in plain.parts[: plain.n_free]]
-    small = tuple(
-        name
-        for name in plain.moved
-        if name in most
-        and plain.at_least(names.index(name))
-        <= most[name] * abs(model.coefficients.get(keys[name], 0.0))
-    )
+    asked = [name for name in plain.moved if name in plain.matters]
+    small = tuple(name for name in asked if name not in plain.material)
     return plain if len(small) == len(plain.moved) else replace(plain, unsaid=small)
 
 
@@ -390,5 +405,5 @@ def without_effects(
     asked = [*singles[:_TRIED], *second]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in asked])
     ranked = search.ranked([linear, *(h for h in trials if h.solution.finite)])
-    form = ranked[0].noise
-    return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects)]
+    form, most = ranked[0].noise, linear.at(ranked[0].noise).score + EQUIVALENT
+    return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects and h.score < most)]

@@ -103,7 +103,10 @@ class _Problem:
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         found: list[tuple[Indices, Array]] = []
         for i, (record, equation, motion) in enumerate(motions):
-            slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
+            with np.errstate(all="ignore"):  # whether they stay within reach of numbers is asked
+                slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
+            if not np.all(np.isfinite(slopes)):
+                raise TrajectoryError("small disturbances of the motion grow without bound", motion)
             x = record.in_orders(parts, partial(motion.samples, equation))
             n = len(motion.start)
             states = self.n_values + n * i + np.arange(n)
@@ -179,7 +182,8 @@ def shoot(
     As `romsindy.fit.kernel.gauss_newton.fit`; a ``loss`` "soft_l1" forgives outliers. It ends at a
     relative change of chi-square by the ``tolerance``, or after so many ``evaluations``, each a
     simulation, and gives the covariance of the values (n_values, n_values) for the colour that the
-    residuals really have. Raises a TrajectoryError if the first motions cannot be simulated.
+    residuals really have. Raises a TrajectoryError if the first motions cannot be simulated, or
+    small disturbances of one grow beyond all numbers.
     """
     parts = tuple(parts)
     problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
