@@ -28,6 +28,8 @@ from romsindy.diagnosis.screening import screen
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
 from romsindy.effects.outside import Hum
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
+from romsindy.fit.kernel.shooting import shoot
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
@@ -200,6 +202,36 @@ def test_two_effects_are_both_named():
     result = report(force=lambda t, q, v: 0.004 * abs(v) * v + 20.0 * q**3)
     assert {e.name for e in result.effects} == {"quadratic_drag", "cubic_stiffness"}
     assert result.gap.after < 1.1
+
+
+@pytest.mark.slow
+def test_a_value_that_moved_by_more_than_matters_is_told_beside_a_force():
+    """Drag beside another frequency: 0.5 % of it matters, 0.02 % does not."""
+    sizes = (0.01, 0.0004)
+    changes = ({"omega^2": (1 + size) * OMEGA**2} for size in sizes)
+    both, one = (report(force=lambda t, q, v: 0.006 * abs(v) * v, changed=c) for c in changes)
+    assert both.verdict == one.verdict == "named"
+    assert [e.name for e in both.effects] == ["quadratic_drag", "linear_frequency"]
+    assert both.effects[1].values["strength"] == pytest.approx(sizes[0] * OMEGA**2, rel=0.02)
+    assert [e.name for e in one.effects] == ["quadratic_drag"]
+
+
+@pytest.mark.slow
+def test_one_more_is_looked_for_beside_the_best_alone():
+    """The base moves, far from resonance, by more than a cubic spring does."""
+    result = report(force=lambda t, q, v: 30.0 * q**3 - 40.0 * np.sin(0.44 * OMEGA * t))
+    assert {e.name for e in result.effects} == {"base_excitation", "cubic_stiffness"}
+    assert result.gap.after < 1.1
+
+
+def test_a_fit_ends_where_disturbances_grow_beyond_numbers():
+    """A pendulum that stands on its head, at rest: they grow as exp(100 t)."""
+    record = Record.of(decay(1.0), 1e-4)
+    grid = record.motion.grid
+    still = Trajectory(grid, *np.zeros((2, grid.n_steps + 1, 1)), np.zeros((grid.n_steps, 3, 1)))
+    standing = rs.ReducedModel.from_coefficients({"omega^2": -1e4})
+    with pytest.raises(TrajectoryError, match="without bound"):
+        shoot(standing, [], [record], [still])
 
 
 @pytest.mark.slow

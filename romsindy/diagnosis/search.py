@@ -233,7 +233,8 @@ def rivals_of(
     """Different hypotheses that the data do not tell apart from the best, itself first.
 
     Values that moved, and that leave less than ``as_one`` more of chi-square, do what one effect
-    does, whatever they cost.
+    does, whatever they cost. Beside a force a value comes before any effect in its place that is no
+    likelier.
     """
     if not best.names:
         return [best]
@@ -242,7 +243,8 @@ def rivals_of(
     instead = not best.effects or any(i < best.n_free for i in best.blamed)
     most = len(best.effects) + bool(instead)
     for h in compared:
-        near = h.score - best.score < EQUIVALENT
+        in_place = best.forced and len(h.effects) > len(best.effects)
+        near = h.score - best.score < (0.0 if in_place else EQUIVALENT)
         near |= not h.effects and h.misfit - best.misfit < as_one
         more = h.said > best.said
         if near and not more and len(h.effects) <= most and h.names:
