@@ -170,11 +170,14 @@ def test_where_nothing_explains_the_data_the_test_shows_more_of_it():
 
 @pytest.mark.parametrize(("power", "test"), [(2, LARGER), (0, AGAIN), (-1, LONGER)])
 def test_what_grows_with_the_amplitude_asks_for_a_larger_one(power, test):
-    """A second harmonic that goes with a power of the amplitude is left, from 1 to 0.1 rad."""
+    """A second harmonic that goes with a power of the amplitude is left, from 1 to 0.1 rad.
+
+    It stays below the first, so that there are two crossings a cycle: 0.05 rad at most.
+    """
     t = np.arange(0.0, 23.0, 0.02)
     amplitude = np.exp(-0.1 * t)
     measured = amplitude * np.cos(OMEGA * t)
-    left = 0.02 * amplitude**power * np.cos(2 * OMEGA * t)
+    left = 0.005 * amplitude**power * np.cos(2 * OMEGA * t)
     noise = NOISE * np.random.default_rng(4).standard_normal(len(t))
     record = Record.of(rs.Decay(t, measured + noise, unit="rad"), 1e-6)
     whole = replace(record, signal=measured + left)

@@ -28,6 +28,7 @@ ARC = 0.15
 CROSSING, PEAK = 3, 4
 _TOGETHER = 256  # fits at a time
 _RANGE = 4.0  # of the periods of a decay, either way
+_FAINTEST = 1e-6  # amplitude, of the largest deflection
 _RIDGE = 1e-10  # of the weight of a sample: an arc at the end of a record holds half of them
 # Error of band-limited interpolation at an end, over amplitude and (omega dt)^2, and what is left
 # of it a sample farther inside; measured on sines.
@@ -96,8 +97,11 @@ def half_cycles(decay: Decay) -> tuple[Array, Array]:
 def crossings_near(decay: Decay, at: Array, period: Array, amplitude: Array) -> tuple[Array, Array]:
     """When q crosses zero, up and down in turn, (n,), and its standard error in unit noise.
 
-    By Newton's method; a slope that noise has spoilt is replaced by that of the amplitude.
+    By Newton's method; a slope that noise has spoilt is replaced by that of the amplitude, which is
+    no more than the largest deflection, whatever a trend through few peaks says.
     """
+    largest = float(np.abs(decay.q).max())
+    amplitude = np.clip(amplitude, _FAINTEST * largest, largest)
     slope = 2 * np.pi / period * amplitude
     for _ in range(3):
         local = LocalValues.of(decay, at, period, CROSSING)
