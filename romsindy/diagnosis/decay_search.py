@@ -111,7 +111,6 @@ def _own_score(hypothesis: Hypothesis) -> float:
 
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
-_PAIRS = 5
 _INSTEAD = 2  # of what stands for values that moved, however coarse their shapes in the screening
 _HOPELESS = 30.0  # chi-square over samples
 _SIMULATIONS = 20  # to settle values by simulation
@@ -211,17 +210,14 @@ class DecaySearch(Search):
         return left.explained and left.below_floor
 
     def one_more(self, best: Hypothesis) -> list[Hypothesis]:
-        """The survivors of a screening beside a hypothesis; at first pairs of them, if needed.
-
-        A pair that the screening puts first may do less than one more beside the best alone.
-        """
+        """The survivors of a screening beside a hypothesis; at first two at once, if needed."""
         screening = self._screened(best)
         tried = self._one_more(best, screening)
         if best.effects or not tried or self.remainder(tried[0]).explained:
             return tried
         beside = self._one_more(tried[0], self._screened(tried[0]))
         if not beside or not self.remainder(beside[0]).explained:
-            beside += [*self._pairs(screening), *self._beside_hum(screening)]
+            beside += self._beside_hum(screening)
         return self.ranked([*tried, *beside])
 
     def _screened(self, best: Hypothesis) -> Screening:
@@ -288,18 +284,6 @@ class DecaySearch(Search):
 
     def _part(self, screened: Screened, screening: Screening) -> Part:
         return part_of(screened, screening.scales, len(self.records))
-
-    def _pairs(self, screening: Screening) -> list[Hypothesis]:
-        chosen = leaders(screening.singles(), 3)
-        trials, names = [], set()
-        for a, b in screening.pairs(chosen):
-            key = frozenset((a.effect.name, b.effect.name))
-            if key not in names:
-                names.add(key)
-                trials.append([self._part(a, screening), self._part(b, screening)])
-            if len(trials) == _PAIRS:
-                break
-        return self.fitted(trials)
 
     def _beside_hum(self, screening: Screening) -> list[Hypothesis]:
         """Where the records show lines: hum, and effects that show once it is gone."""

@@ -38,6 +38,7 @@ TOLERANCE = 1e-6
 _OUTLIER = 3.0  # residual over noise from which a robust loss forgives
 # A simulated motion this many times the noise away is as bad as none.
 _FAR = 1e9
+_GROWN = 1e100  # a disturbance that grows so many times has a square that is no number, nearly
 LOSSES = ("linear", "soft_l1")
 
 
@@ -103,9 +104,9 @@ class _Problem:
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         found: list[tuple[Indices, Array]] = []
         for i, (record, equation, motion) in enumerate(motions):
-            with np.errstate(all="ignore"):  # whether they stay within reach of numbers is asked
+            with np.errstate(all="ignore"):
                 slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
-            if not np.all(np.isfinite(slopes)):
+            if not np.all(np.abs(slopes) < _GROWN):  # nan is not
                 raise TrajectoryError("small disturbances of the motion grow without bound", motion)
             x = record.in_orders(parts, partial(motion.samples, equation))
             n = len(motion.start)
