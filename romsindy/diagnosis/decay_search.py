@@ -238,7 +238,10 @@ class DecaySearch(Search):
         """
         used = {p.effect.name for p in beside}
         left = [e for e in self.options.catalogue if e.name not in used]
-        held, free = self._held(base)
+        usual = (p.effect.name for p in self.free if p.tolerance is None)
+        names = {*(base.material if base.forced else usual)}
+        held = tuple(p for p in self.free if p.effect.name in names)
+        free = tuple(p for p in self.free if p.effect.name not in names)
         parts, n_held = (*held, *free, *beside), sum(p.strengths.size for p in held)
         screening = screen(self.model, parts, left, self.records, scales(self.records))
         singles = leaders(screening.singles(n_held))
@@ -247,16 +250,6 @@ class DecaySearch(Search):
         near = [s for i, s in enumerate(singles) if i < _INSTEAD or s.chi_squared < most]
         trials = [[*beside, self._part(s, screening)] for s in near[:_SURVIVORS]]
         return self.with_free(free).fitted(trials)
-
-    def _held(self, beside: Hypothesis) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-        """Unsure values at their nominal ones where an effect takes their place, and the others."""
-        material = beside.material if beside.forced else None
-        held = [
-            p.tolerance is None if material is None else p.effect.name in material
-            for p in self.free
-        ]
-        pairs = list(zip(self.free, held, strict=True))
-        return tuple(p for p, h in pairs if h), tuple(p for p, h in pairs if not h)
 
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""

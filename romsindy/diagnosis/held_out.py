@@ -126,7 +126,8 @@ class Validation:
                 break
             if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
                 return self._with(found, best), True
-            if _in_its_place(fewer[i], best):
+            values = [h.material if fewer[i].forced else h.moved for h in (fewer[i], best)]
+            if len(values[0]) > len(values[1]):
                 # Values of the model in its place are another explanation, not a simpler one.
                 apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * scale
                 if not apart and fewer[i].at(best.noise).score - best.score > UNJUDGED:
@@ -148,13 +149,6 @@ class Validation:
     def _tested(self, hypothesis: Hypothesis, misfit: float, least: float) -> Hypothesis:
         beyond = (misfit - least) / self._scale(least) - AS_GOOD if self.unseen else 0.0
         return replace(hypothesis, tested=max(beyond, 0.0))
-
-
-def _in_its_place(fewer: Hypothesis, best: Hypothesis) -> bool:
-    """Whether values of the model moved where an effect was left out."""
-    if fewer.forced:
-        return len(fewer.names) >= len(best.names)
-    return len(fewer.moved) > len(best.moved)
 
 
 def left_of(model: Equations, parts: Sequence[Part], record: Prepared) -> Array:

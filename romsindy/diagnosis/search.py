@@ -204,11 +204,8 @@ class Search(ABC):
             if not fewer:
                 break
             shortest = self.ranked(fewer)[0]
-            if len(shortest.names) < len(best.names):
-                kept = self.worth(shortest, best)
-            else:
-                kept = self.ranked([shortest, best])[0] is not shortest
-            if kept:
+            less, first = len(shortest.names) < len(best.names), self.ranked([shortest, best])[0]
+            if self.worth(shortest, best) if less else first is not shortest:
                 break
             best = shortest
         return best, seen

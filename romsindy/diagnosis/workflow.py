@@ -30,15 +30,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.kernel.part import Coefficient, Part, extended, in_place
 from romsindy.fit.records.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import (
-    AS_WELL,
-    EQUIVALENT,
-    NEARLY_WHOLE,
-    NOTHING_LEFT,
-    ROUNDED,
-    SHARED,
-    UNJUDGED,
-)
+from romsindy.fit.verdict import AS_WELL, NEARLY_WHOLE, NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -405,5 +397,5 @@ def without_effects(
     asked = [*singles[:_TRIED], *second]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in asked])
     ranked = search.ranked([linear, *(h for h in trials if h.solution.finite)])
-    form, most = ranked[0].noise, linear.at(ranked[0].noise).score + EQUIVALENT
+    form, most = ranked[0].noise, linear.at(ranked[0].noise).score + UNJUDGED
     return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects and h.score < most)]
