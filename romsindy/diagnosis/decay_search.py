@@ -56,8 +56,8 @@ class ProcessNoise:
                 solution = fit(model, *given, fixed=True, iterations=_CHECKS)
                 solution = replace(solution, converged=False)
             found = Hypothesis.of(model, solution, n_free, records)
-            known = {"elsewhere": self.elsewhere, "matters": self.matters}
-            return replace(found, n_unsure=n_unsure, **known)
+            found = replace(found, elsewhere=self.elsewhere, matters=self.matters)
+            return replace(found, n_unsure=n_unsure)
 
     def further(
         self, model: ReducedModel, records: Sequence[Record], hypothesis: Hypothesis
@@ -112,6 +112,7 @@ def _own_score(hypothesis: Hypothesis) -> float:
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _INSTEAD = 2  # of what stands for values that moved, however coarse their shapes in the screening
+_PAIRS = 5
 _HOPELESS = 30.0  # chi-square over samples
 _SIMULATIONS = 20  # to settle values by simulation
 
@@ -123,11 +124,6 @@ class DecaySearch(Search):
     model: ReducedModel
     records: Sequence[Record]
     noise: ProcessNoise
-
-    def unsure_as(self, hypothesis: Hypothesis) -> DecaySearch:
-        """The same, unsure of the values that are free in a hypothesis alone."""
-        names = {p.effect.name for p in hypothesis.parts[: hypothesis.n_free]}
-        return replace(self, free=tuple(p for p in self.free if p.effect.name in names))
 
     def run(self) -> Finding:
         """Look for the best hypothesis."""
@@ -217,7 +213,7 @@ class DecaySearch(Search):
             return tried
         beside = self._one_more(tried[0], self._screened(tried[0]))
         if not beside or not self.remainder(beside[0]).explained:
-            beside += self._beside_hum(screening)
+            beside += [*self._pairs(screening), *self._beside_hum(screening)]
         return self.ranked([*tried, *beside])
 
     def _screened(self, best: Hypothesis) -> Screening:
@@ -277,6 +273,13 @@ class DecaySearch(Search):
 
     def _part(self, screened: Screened, screening: Screening) -> Part:
         return part_of(screened, screening.scales, len(self.records))
+
+    def _pairs(self, screening: Screening) -> list[Hypothesis]:
+        pairs: dict[frozenset[str], list[Part]] = {}
+        for pair in screening.pairs(leaders(screening.singles(), 3)):
+            both = [self._part(s, screening) for s in pair]
+            pairs.setdefault(frozenset(p.effect.name for p in both), both)
+        return self.fitted(list(pairs.values())[:_PAIRS])
 
     def _beside_hum(self, screening: Screening) -> list[Hypothesis]:
         """Where the records show lines: hum, and effects that show once it is gone."""

@@ -121,9 +121,10 @@ class Search(ABC):
     def one_more(self, best: Hypothesis) -> list[Hypothesis]:
         """The same with one effect more, of those that may be missing: fitted, best first."""
 
-    @abstractmethod
     def unsure_as(self, hypothesis: Hypothesis) -> Search:
         """The same search, unsure of the values that are free in a hypothesis alone."""
+        names = {p.effect.name for p in hypothesis.parts[: hypothesis.n_free]}
+        return self.with_free([p for p in self.free if p.effect.name in names])
 
     def with_free(self, free: Sequence[Part]) -> Search:
         """The same search, unsure of these values."""

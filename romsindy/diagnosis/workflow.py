@@ -231,16 +231,12 @@ def _explained(
     The gaps are those of the simulation, on what explanations are compared on and on whole records.
     """
     near, given = motions_of(hypothesis), (search.model, hypothesis.parts)
-    gaps = [
-        replace(gap, predictions=tuple(follow(p, *given, near) for p in gap.predictions))
-        for gap in (on_tests, as_it_was)
-    ]
-    return Explanation(
-        hypothesis,
-        search.remainder(hypothesis),
-        *gaps,
-        lacking=not own.issuperset(hypothesis.names),
+    gap, whole = (
+        replace(before, predictions=tuple(follow(p, *given, near) for p in before.predictions))
+        for before in (on_tests, as_it_was)
     )
+    lacking = not own.issuperset(hypothesis.names)
+    return Explanation(hypothesis, search.remainder(hypothesis), gap, whole, lacking)
 
 
 def _rivals(
@@ -276,8 +272,7 @@ def _least_changes(model: ReducedModel, tolerance: Tolerance) -> dict[str, float
 
 def _without_small(plain: Hypothesis) -> Hypothesis:
     """The same; of several values that moved it says what is surely beyond the tolerance."""
-    asked = [name for name in plain.moved if name in plain.matters]
-    small = tuple(name for name in asked if name not in plain.material)
+    small = tuple(n for n in plain.moved if n in plain.matters and n not in plain.material)
     return plain if len(small) == len(plain.moved) else replace(plain, unsaid=small)
 
 
