@@ -522,8 +522,9 @@ def test_pendulum_lacks_dry_friction(measured):
         sine_polynomial(2 * np.pi * 1.745) | {"c_linear": 0.9}, unit="rad"
     )
     result = diagnose(model, swings, floor=0.01)
-    assert [e.name for e in result.effects] == ["dry_friction"]
-    assert [e.name for e in result.moved] == ["viscous"]  # the stiffness is left alone
+    # The damping was assumed by far too high; the stiffness is left alone.
+    assert [e.name for e in result.effects] == ["dry_friction", "viscous"]
+    assert result.moved == ()
     assert result.effects[0].values["strength"] == pytest.approx(1.98, rel=0.2)
     after = np.concatenate(result.best.solution.residuals)
     assert np.rad2deg(np.sqrt(np.mean(after**2))) < 0.8
@@ -533,17 +534,8 @@ def test_pendulum_lacks_dry_friction(measured):
     assert "with the velocity: damping" in readings["By phase"]
 
 
-SHORT_RUN = "linear damping comes first: it closes 99 % of seven cycles, at odds of 1 : 1"
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("run", "start"),
-    [
-        ("21338", 9.5),
-        pytest.param("21337", 26.5, marks=pytest.mark.xfail(strict=True, reason=SHORT_RUN)),
-    ],
-)
+@pytest.mark.parametrize(("run", "start"), [("21338", 9.5), ("21337", 26.5)])
 def test_ship_lacks_quadratic_damping(measured, run, start):
     content = np.load(measured / "kvlcc2_roll_decay.npz")
     series = {
@@ -563,7 +555,10 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     # with amplitude are alike here, the hysteresis of a joint among them.
     growing = {"quadratic_drag", "cubic_damping", "amplitude_damping", "bouc_wen", "micro_slip"}
     assert result.verdict in ("named", "ambiguous")
-    assert {name for names in result.equivalent for name in names} <= growing
+    # Beside them linear values of a simulation without viscosity, which move by more than matters.
+    linear = {"viscous", "linear_frequency"}
+    assert all(names and {*names} <= growing | linear for names in result.equivalent)
+    assert not {*result.best.names}.isdisjoint(growing)
     left = np.rad2deg(np.sqrt(np.mean(result.best.solution.residuals[0] ** 2)))
     assert left < 0.05
 
