@@ -313,7 +313,9 @@ def _snapped(search: DecaySearch, best: Hypothesis, records: Mapping[str, Record
             continue
         trial = search.unsure_as(best).hypothesis(fixed).at(best.noise)
         rise = trial.solution.chi_squared - best.solution.chi_squared
-        if trial.solution.converged and (
+        # No value of the model moves to make up for it.
+        same = trial.solution.converged and trial.names == best.names
+        if same and (
             rise < ROUNDED * best.excess
             or (_nearly(best.effects, fixed) and _as_well(search, trial, best, records))
         ):
