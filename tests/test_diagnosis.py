@@ -558,7 +558,8 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     # Beside them linear values of a simulation without viscosity, which move by more than matters.
     linear = {"viscous", "linear_frequency"}
     assert all(names and {*names} <= growing | linear for names in result.equivalent)
-    assert not {*result.best.names}.isdisjoint(growing)
+    # In the second run a larger linear damping does nearly as much, within what matters.
+    assert not growing.isdisjoint(result.best.names)
     left = np.rad2deg(np.sqrt(np.mean(result.best.solution.residuals[0] ** 2)))
     assert left < 0.05
 

@@ -164,8 +164,12 @@ class Rule:
                 return Answer("none", plain)
             # What values leave may be small, and one effect as likely all the same.
             alike = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
-            sole = not alike and (plain.leaves_noise or plain.closed >= MOSTLY_CLOSED)
-            return Answer("named" if sole else "ambiguous", plain, effect if alike else None)
+            if effect is None or not alike:
+                sole = plain.leaves_noise or plain.closed >= MOSTLY_CLOSED
+                return Answer("named" if sole else "ambiguous", plain)
+            better = effect.leaves_noise and not plain.leaves_noise
+            first = better and self._likelier(effect, plain, 0.0)
+            return Answer("ambiguous", *((effect, plain) if first else (plain, effect)))
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)

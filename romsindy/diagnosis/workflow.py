@@ -74,8 +74,10 @@ def diagnose_model(
     compared = [predict(model, (), r, name) for name, r in records.compared.items()]
     on_tests = Gap(tuple(compared), bool(records.tests))
     explained = partial(_explained, search, on_tests, as_it_was, own)
-    # The reduction of a structure is known no better than to a tolerance.
-    found = found if own_values else _that_matter(search, explained, found)
+    # The reduction of a structure is known no better than to a tolerance, and where nothing took no
+    # part nobody asks whether several effects foretell more than fewer.
+    judged = own_values and records.tests
+    found = found if judged else _that_matter(search, explained, found)
     known = agree or found.interrupted
     plain = [slack] if known else without_effects(search, slack, found.base, others)
     values = [_without_small(h) for h in plain]
