@@ -50,7 +50,7 @@ def decay(more=nothing, seed=0, size=1.0, snr=45.0, shown=SHOWN, stiff=1.0):
 
     t = np.arange(0, 6, 1 / 160)
     start = [size, 0.5 * size, 0.0, 0.0]
-    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-8, "atol": 1e-10, "max_step": 1e-3}
+    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-8, "atol": 1e-10}
     seen = solve_ivp(rates, (0, 6), start, **options).y[:2].T @ shown.T
     noise = np.random.default_rng(seed).standard_normal(seen.shape)
     return rs.Decay(t, seen + seen.std(axis=0) * 10 ** (-snr / 20) * noise, unit="m", stage="free")

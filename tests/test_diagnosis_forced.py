@@ -53,7 +53,7 @@ def remembering(seed, law, gain=GAIN, mass=1.0, late=0.0, level=1.0, stiff=1.0, 
         own = damped * DAMPING * v + stiff * OMEGA**2 * q + CUBIC * q**3
         return [v, (push - own) / mass, rate]
 
-    options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12, "max_step": DT}
+    options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
     q = solve_ivp(rates, (0.0, T[-1]), (0.0, 0.0, 0.0), **options).y[0]
     noise = 0.01 * q.std() * np.random.default_rng(seed).standard_normal(len(q))
     return rs.ForcedVibration(T, q + noise, level * sweep(T), unit="m", input_unit="N")
@@ -215,7 +215,7 @@ def test_a_mass_is_told_from_stiffness_by_a_known_gain():
     heavy = record(5, mass=1.01)
     assert rs.diagnose(model(), heavy, catalogue=FEW).best.names == ("added_mass",)
     linear = {"omega^2": OMEGA**2, "c_linear": DAMPING}
-    options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12, "max_step": DT}
+    options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
 
     def rates(t, y):
         return [y[1], (GAIN * sweep(t) - DAMPING * y[1] - OMEGA**2 * y[0]) / 1.002]

@@ -56,7 +56,7 @@ def rates(t, y, forces, gains, cubic=1.0):
 
 def moved(forces, gains, n, start=(0.0,) * 4, cubic=1.0):
     t = DT * np.arange(n)
-    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12, "max_step": DT}
+    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
     args = (forces, gains, cubic)
     return t, solve_ivp(rates, (0, t[-1]), start, args=args, **options).y.T
 

@@ -44,7 +44,7 @@ def duffing(force, t, start=(0.0, 0.0), sign=1.0, cubic=CUBIC):
         push = sign * GAIN * float(force(time))
         return [y[1], push - DAMPING * y[1] - OMEGA**2 * y[0] - cubic * y[0] ** 3]
 
-    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": DT}
+    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-10, "atol": 1e-13}
     return solve_ivp(rates, (t[0], t[-1]), start, **options).y
 
 
