@@ -258,10 +258,7 @@ _LOST = 0.5
 
 
 def predict(
-    model: ReducedModel,
-    parts: Sequence[Part],
-    record: Record,
-    name: str = name_of(0),
+    model: ReducedModel, parts: Sequence[Part], record: Record, name: str = name_of(0)
 ) -> Prediction:
     """What the simulation before and after says about a record; only its start follows it."""
     before = _followed(model, (), record, None)

@@ -222,11 +222,7 @@ def _verdict(answer: Answer, found: Finding, rivals: Sequence[Hypothesis]) -> Ve
 
 
 def _explained(
-    search: DecaySearch,
-    on_tests: Gap,
-    as_it_was: Gap,
-    own: frozenset[str],
-    hypothesis: Hypothesis,
+    search: DecaySearch, on_tests: Gap, as_it_was: Gap, own: frozenset[str], hypothesis: Hypothesis
 ) -> Explanation:
     """A hypothesis with what it leaves and changes; ``own`` are names of values of the model.
 

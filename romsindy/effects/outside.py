@@ -7,14 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import (
-    Effect,
-    Parameter,
-    ReadingEffect,
-    Scales,
-    State,
-    TimedEffect,
-)
+from romsindy.effects.base import Effect, Parameter, ReadingEffect, Scales, State, TimedEffect
 from romsindy.typing import Array
 
 # Steady lines that are slower are a drifting offset (`romsindy.record.noise`): noise.

@@ -15,13 +15,7 @@ from romsindy.record.isolation import ENOUGH_SAMPLES, isolated, together
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
 from romsindy.record.signals import rest_level
-from romsindy.record.vibrations import (
-    Resonance,
-    Vibration,
-    dominant,
-    find_vibrations,
-    resonances,
-)
+from romsindy.record.vibrations import Resonance, Vibration, dominant, find_vibrations, resonances
 from romsindy.text import listed, quantity
 from romsindy.typing import Array
 

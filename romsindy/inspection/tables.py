@@ -94,10 +94,7 @@ def tables(found: Findings) -> list[TextTable]:
         TextTable("Record", list(_record(found))),
         TextTable("Channels", [channels, *_channels(found)]),
         TextTable("Releases", [releases, *_releases(found)]),
-        TextTable(
-            "Left out",
-            [["from [s]", "to [s]", "why"], *_discarded(found)],
-        ),
+        TextTable("Left out", [["from [s]", "to [s]", "why"], *_discarded(found)]),
         TextTable("Defects", [["what"], *([w] for w in found.warnings)]),
         TextTable(
             f"Modes, from loud to quiet, in channel {found.channel}",

@@ -24,15 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.physics.term import (
-    Scalars,
-    Term,
-    WeakForm,
-    exact,
-    law_called,
-    power_of,
-    power_text,
-)
+from romsindy.physics.term import Scalars, Term, WeakForm, exact, law_called, power_of, power_text
 from romsindy.typing import Array
 
 Powers = tuple[int, ...]

@@ -19,11 +19,7 @@ from scipy.linalg import eigh
 from romsindy.physics import export
 from romsindy.physics.coupling import Along, CoupledTerm, Names
 from romsindy.physics.input import Excitation, Forcing, Input, input_in
-from romsindy.physics.integration import (
-    integrate_remembering,
-    integrate_smooth,
-    integrate_steps,
-)
+from romsindy.physics.integration import integrate_remembering, integrate_smooth, integrate_steps
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.record.decay import Decay

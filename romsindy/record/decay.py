@@ -319,10 +319,7 @@ class Decay(Measurement):
         return x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
 
     def _mapped(
-        self,
-        change: Callable[[Array], Array],
-        t: Array | None = None,
-        notes: tuple[str, ...] = (),
+        self, change: Callable[[Array], Array], t: Array | None = None, notes: tuple[str, ...] = ()
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
         signals = {n: getattr(self, n) for n in SIGNALS}

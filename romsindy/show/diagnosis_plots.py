@@ -24,13 +24,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def draw_errors_in_time(
-    t: Array,
-    measured: Array,
-    before: Array,
-    after: Array,
-    quantity: str,
-    unit: str,
-    figure: Figure,
+    t: Array, measured: Array, before: Array, after: Array, quantity: str, unit: str, figure: Figure
 ) -> None:
     """A record, and what a simulation misses of it before and after; all (n,).
 

@@ -98,11 +98,7 @@ def _range(found: Estimate, coordinate: int) -> Array:
 
 
 def _draw(
-    ax: Axes,
-    x: Array,
-    curves: tuple[Array, Array, Array],
-    style: dict[str, Any],
-    label: str,
+    ax: Axes, x: Array, curves: tuple[Array, Array, Array], style: dict[str, Any], label: str
 ) -> None:
     """A curve and its band: middle, low, high."""
     middle, low, high = curves

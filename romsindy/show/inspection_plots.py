@@ -26,10 +26,7 @@ _COLUMNS, _ROWS = 400, 600  # of a spectrogram
 _CYCLES, _PARTS = 16.0, 8  # of the lowest tone in a window; windows in a record, at least
 _DYNAMICS = 90.0  # dB that are shown
 _RISE = 0.02  # of a release: the window of its spectrum opens within, and closes over the rest
-_ABOVE, _LEAST = (
-    1.3,
-    4.0,
-)  # of the highest and lowest tone: frequencies that are shown
+_ABOVE, _LEAST = (1.3, 4.0)  # of the highest and lowest tone: frequencies that are shown
 _WIDE = 30.0  # highest over lowest frequency: more needs a logarithmic axis
 _LEFT_OUT, _PALE = "0.65", "0.8"
 
@@ -80,11 +77,7 @@ def draw_record(
 
 
 def plot_record(
-    recording: Recording,
-    releases: Sequence[Release],
-    discarded: Sequence[Discarded],
-    *,
-    ax: Axes,
+    recording: Recording, releases: Sequence[Release], discarded: Sequence[Discarded], *, ax: Axes
 ) -> Axes:
     """One channel over time: releases shaded and numbered, what is left out grey."""
     ax.plot(*_thinned(recording.t, recording.x[:, 0]), color=_LEFT_OUT, lw=0.6)

@@ -298,11 +298,7 @@ def spectrum(result: Identified) -> Iterator[Picture]:
     if spectra:
         size = (6.4, 1.0 + _INCHES * len(spectra))
         yield Picture(
-            "spectrum",
-            "Spectrum of what is left",
-            caption,
-            partial(draw_spectra, spectra),
-            size,
+            "spectrum", "Spectrum of what is left", caption, partial(draw_spectra, spectra), size
         )
 
 

@@ -19,12 +19,7 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.all_sensors import Latitude
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
 from romsindy.diagnosis.on_beam.defect import OnBeam
-from romsindy.diagnosis.on_beam.instrumented import (
-    UNIT,
-    InstrumentedBeam,
-    checked_readings,
-    coarse,
-)
+from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, checked_readings, coarse
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     PLACED_MASS,
@@ -35,11 +30,7 @@ from romsindy.diagnosis.on_beam.parameters import (
 from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.within_tolerances import (
-    directions,
-    position_error,
-    position_gains,
-)
+from romsindy.diagnosis.on_beam.within_tolerances import directions, position_error, position_gains
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references

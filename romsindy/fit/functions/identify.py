@@ -283,10 +283,7 @@ def _assembled(
     pooled = _exactly(terms, np.concatenate(samples), fixed)
     middle = _exactly(head.series.terms(), head.series.taylor(own), fixed).mean(axis=0)
     model = ReducedModel(
-        head.series.terms(),
-        tuple(middle),
-        records[0].decay.unit,
-        (0.0, head.series.scales.reach),
+        head.series.terms(), tuple(middle), records[0].decay.unit, (0.0, head.series.scales.reach)
     )
     free = tuple(k for k in model.coefficients if k not in fixed)
     columns = [[t.key for t in terms].index(key) for key in free]

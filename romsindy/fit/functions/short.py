@@ -263,11 +263,7 @@ def _undamped(
 
 
 def _damped(
-    model: ReducedModel,
-    target: _Target,
-    undamped: _Chosen,
-    a: Array,
-    fixed: Mapping[str, float],
+    model: ReducedModel, target: _Target, undamped: _Chosen, a: Array, fixed: Mapping[str, float]
 ) -> _Shortening:
     """Damping of an equation whose stiffness and inertia are known: linear in its ratio."""
     own = [t for t in model.terms if t.has("damping") and (_always(t) or t.key in fixed)]

@@ -51,9 +51,7 @@ def _of_record(number: int, record: Record) -> list[Window]:
     at = record.motion.grid.sample_step
     return [
         Window(
-            number,
-            np.flatnonzero((at >= first) & (at < last)),
-            record.motion.between(first, last),
+            number, np.flatnonzero((at >= first) & (at < last)), record.motion.between(first, last)
         )
         for first, last in itertools.pairwise(record.window_steps.tolist())
     ]

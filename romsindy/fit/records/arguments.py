@@ -14,8 +14,7 @@ from romsindy.typing import Array
 
 
 def listed_records(
-    records: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
-    name: str = "decays",
+    records: Decay | ForcedVibration | Sequence[Decay | ForcedVibration], name: str = "decays"
 ) -> list[Decay | ForcedVibration]:
     """One record or several as a list; ``name`` is that of the argument.
 

@@ -278,10 +278,7 @@ def examined(fit: Fit) -> Fit:
 
 
 def _simulated_without(
-    model: Equations,
-    moved: Solution,
-    records: Sequence[Prepared],
-    noises: Mapping[int, Noises],
+    model: Equations, moved: Solution, records: Sequence[Prepared], noises: Mapping[int, Noises]
 ) -> Solution | None:
     """The values of a solution that forces move, with motions that none do; None if there are none.
 

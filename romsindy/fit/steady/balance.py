@@ -92,11 +92,7 @@ def measured(points: SteadyPoints) -> tuple[Array, Array]:
 
 
 def linearised(
-    points: SteadyPoints,
-    model: ReducedModel,
-    free: tuple[str, ...],
-    chain: Chain,
-    c: Array,
+    points: SteadyPoints, model: ReducedModel, free: tuple[str, ...], chain: Chain, c: Array
 ) -> Rows:
     """Balance about orbits with Fourier coefficients c, (n, 2 H + 1), by all parameters."""
     force, by_c, by_p = _balance(points, model, free, c)
