@@ -183,6 +183,18 @@ def test_free_says_which_release_it_takes():
         Decay(t[:1001], 1e-9 * np.random.default_rng(0).standard_normal(1001)).free()
 
 
+def test_what_is_too_short_is_told_not_the_noise_behind_it():
+    """Dry friction that stops the motion in two cycles, as an accelerometer shows it: exact."""
+    t = np.arange(0, 5, DT)
+    band = butter(3, (2 * DT, 12 * DT), "band", output="sos")
+    noise = sosfiltfilt(band, np.random.default_rng(0).standard_normal(len(t)))
+    for fall in (0.1, 0.15, 0.2):
+        half = np.floor(2 * OMEGA * t / np.pi)
+        a = np.cos(2 * OMEGA * t) * np.maximum(1 - fall * (2 * half + 1), 0.0)
+        with pytest.raises(ValueError, match=r"no free decay .*: only [\d.]+ cycles"):
+            Decay.from_acceleration(t, a + 0.003 * noise / noise.std(), unit="m")
+
+
 def pink(n, rng):
     """Noise of power 1/f, rms 1."""
     lines = np.fft.rfft(rng.standard_normal(n))

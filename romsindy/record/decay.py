@@ -334,9 +334,12 @@ def _release(
     releases, discarded = split_releases(recording)
     first, last = recording.t[0], recording.t[-1]
     if not releases:
-        longest = max(discarded, key=lambda part: part.end - part.start)
+        t, x = recording.t, recording.x.reshape(len(recording.t), -1)
+        parts = [x[(t >= part.start) & (t <= part.end)] for part in discarded]
+        # Of all that is none the loudest is what was meant, not the rest after it.
+        why = discarded[int(np.argmax([np.ptp(part, axis=0).max() for part in parts]))].reason
         raise ValueError(
-            f"no free decay between {first:.4g} and {last:.4g} s: {longest.reason}; cut the record"
+            f"no free decay between {first:.4g} and {last:.4g} s: {why}; cut the record"
             " with start= and end=, filter it, or record longer"
         )
     largest = max(releases, key=lambda release: release.peak)

@@ -375,14 +375,14 @@ def _decays(
     amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
     loud = runs(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
+    if loud and len(x) < CYCLES_AT_LEAST * period:
+        reason = f"only {len(x) / period:.1f} cycles, fewer than three cycles"
+        yield Discarded(float(t[0]), float(t[-1]), reason)
+        return
     # Noise stands out for no more than the cycle that an amplitude is taken over.
     loud = [run for run in loud if run.stop - run.start > _LASTS * period]
     if not loud:
         yield Discarded(float(t[0]), float(t[-1]), quiet)
-        return
-    if len(x) < CYCLES_AT_LEAST * period:
-        reason = f"only {len(x) / period:.1f} cycles, fewer than three cycles"
-        yield Discarded(float(t[0]), float(t[-1]), reason)
         return
     stop, why_end = loud[-1].stop, quiet
     # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
