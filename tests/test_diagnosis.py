@@ -110,7 +110,7 @@ HIDDEN = {
 }
 
 
-QUICK = ("cubic_stiffness", "gain", "saturation")
+QUICK = ("cubic_stiffness",)
 
 
 @pytest.mark.parametrize(
@@ -132,6 +132,7 @@ def test_a_hidden_effect_is_named_with_its_value(name):
     assert str(result.effects[0]) in result.sentence
 
 
+@pytest.mark.slow
 def test_what_values_of_the_model_do_as_well_is_told_beside_them():
     """Structural damping: its harmonics are below the noise, so values of the model come first."""
     result = report(force=lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03))

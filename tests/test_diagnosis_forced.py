@@ -109,6 +109,7 @@ def test_the_gain_of_the_input_is_wrong(right):
     assert report.model.coefficients["gain [force]"] == pytest.approx(GAIN, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_linear_simulation_of_a_stiff_spring_with_friction_is_told_both():
     """Either alone leads a simulation over another fold than the measured motion."""
     measured = record(4, lambda q, v: 1.2e5 * q**3 + 1.5 * np.tanh(v / 0.002))
@@ -300,6 +301,7 @@ def test_a_held_out_record_takes_no_part_and_tells():
     assert other.verdict == "unknown" and other.gap.closed < 0.5
 
 
+@pytest.mark.slow
 def test_an_effect_that_gains_nothing_on_the_held_out_record_is_dropped():
     """Drag in one of the runs alone is no property of the structure that both measure."""
     report = rs.diagnose(model(), record(12, drag), held_out=record(14), catalogue=FEW)

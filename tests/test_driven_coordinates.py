@@ -146,6 +146,7 @@ def test_one_channel_shows_two_coordinates(derivative):
     assert fit.verdict.explained
 
 
+@pytest.mark.slow
 def test_an_input_that_reaches_one_coordinate_only_and_one_that_reaches_both():
     gains = ((3.0, 0.0), (1.0, 2.5))
     fit = rs.identify(driven(14, gains=gains, size=0.7), 2, terms=TERMS)

@@ -81,7 +81,7 @@ def shot_curves(start, period, c1):
     return np.array([2 * np.pi / period, np.mean(power) * period / (2 * np.pi * a * growth)])
 
 
-@pytest.mark.parametrize("before", [8, 12])
+@pytest.mark.parametrize("before", [pytest.param(8, marks=pytest.mark.slow), 12])
 def test_bands_in_an_interaction_are_those_of_shooting(tongue, before, monkeypatch):
     """Of q1 and q2 before the fold, where q2 moves at three times the frequency."""
     at = tongue.folds[0] - before

@@ -61,7 +61,9 @@ def one():
     return Identified("", [decay], rs.refine(EXAMPLE_MODEL, decay))
 
 
-@pytest.mark.parametrize("of", [steady, driven, several, several_of_one, one])
+@pytest.mark.parametrize(
+    "of", [steady, driven, pytest.param(several, marks=pytest.mark.slow), several_of_one, one]
+)
 def test_a_new_panel_is_on_the_pages_of_all_kinds_of_results(of, tmp_path, monkeypatch):
     def mine(result):
         yield Picture("mine", "Mine", result.model.equation(), lambda figure: figure.subplots())

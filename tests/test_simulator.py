@@ -42,7 +42,7 @@ def motion(release, t, force, stiffness=STIFFNESS):
         return [y[1], push / MASS]
 
     span = (0.0, t[-1])
-    return solve_ivp(rates, span, [release, 0.0], t_eval=t, rtol=1e-8, atol=1e-11).y[0]
+    return solve_ivp(rates, span, [release, 0.0], "LSODA", t, rtol=1e-9, atol=1e-11).y[0]
 
 
 def nothing(t, x, v):
