@@ -20,7 +20,7 @@ from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution
-from romsindy.fit.kernel.shooting import shoot
+from romsindy.fit.kernel.shooting import shoot, simulated_misfit
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
@@ -182,10 +182,17 @@ class DecaySearch(Search):
         s = hypothesis.solution
         # Two forces that remember can be followed in short steps only: hours.
         slow = sum(isinstance(p.effect, MemoryEffect) for p in s.parts) > 1
-        if s.converged or slow or not s.chi_squared < _HOPELESS * hypothesis.n_samples:
+        most, given = (
+            _HOPELESS * hypothesis.n_samples,
+            (self.model, s.parts, self.records, s.motions),
+        )
+        if s.converged or slow or not s.chi_squared < most:
             return hypothesis
         try:
-            more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
+            first = simulated_misfit(*given)
+            if not first @ first < most:  # too far to come near in some simulations
+                return hypothesis
+            more = shoot(*given, evaluations=_SIMULATIONS)[0]
         except TrajectoryError:
             return hypothesis
         again = hypothesis.again(self.model, more, self.records)

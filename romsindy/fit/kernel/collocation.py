@@ -28,6 +28,8 @@ STEPS_PER_CYCLE = 40
 # Newton's method stops when the correction of q_ddot is below this, relative to its largest.
 _CONVERGED = 1e-11
 _ITERATIONS = 12
+_FAR = 100.0
+_SLOW, _MIXED = 0.01, 4  # corrections that shrink by less are mixed, with so many before them
 # Steps in the first window: Newton starts from a linear oscillator, good for about two cycles.
 _FIRST_WINDOW = 2 * STEPS_PER_CYCLE
 
@@ -296,8 +298,9 @@ def _newton(
 ) -> tuple[Array, Array, Array] | None:
     """States and accelerations of one window, or None where Newton's method fails."""
     t = grid.node_times(first, first + len(q_ddot))
+    tried: list[tuple[Array, Array]] = []  # accelerations and what corrects them, the last ones
     last_size = np.inf
-    for _ in range(_ITERATIONS):
+    for left in reversed(range(_ITERATIONS)):
         q, q_dot = _states(grid.step, now, q_ddot)
         with np.errstate(all="ignore"):
             system = LinearSteps.at(equation, grid.step, t, q, q_dot, q_ddot)
@@ -306,12 +309,31 @@ def _newton(
         scale = float(np.abs(q_ddot).max()) + size
         if not np.isfinite(size) or size > 10 * last_size:
             return None
-        q_ddot = q_ddot + correction
+        # Too slow to end in time, if it goes on like this.
+        if (
+            left < _ITERATIONS // 2
+            and size * (size / last_size) ** left > _FAR * _CONVERGED * scale
+        ):
+            return None
+        tried = [*tried[-_MIXED:], (q_ddot, correction)] if size > _SLOW * last_size else []
+        q_ddot = _mixed(tried) if len(tried) > 1 else q_ddot + correction
         if size <= _CONVERGED * scale:
             q, q_dot = _states(grid.step, now, q_ddot)
             return (q, q_dot, q_ddot) if system.positive else None
         last_size = size
     return None
+
+
+def _mixed(tried: Sequence[tuple[Array, Array]]) -> Array:
+    """Where corrections vanish, as the last of them change: Anderson's mixing.
+
+    Slopes of forces that remember are no more than about right, and Newton's steps converge slowly.
+    D. G. Anderson, Journal of the ACM 12 (1965) 547-560.
+    """
+    at, step = (np.array([x[i].ravel() for x in tried]) for i in (0, 1))
+    moved, changed = np.diff(at, axis=0), np.diff(step, axis=0)
+    share = np.linalg.lstsq(changed.T, step[-1])[0]
+    return (at[-1] + step[-1] - share @ (moved + changed)).reshape(tried[0][0].shape)
 
 
 def _states(h: float, now: Array, q_ddot: Array) -> tuple[Array, Array]:
