@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t
 
-from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
+from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.kernel.normal_equations import NormalEquations
@@ -129,7 +129,7 @@ class Windows:
     ) -> Windows:
         """Linearise a fit to record ``i`` about a motion; beyond amplitudes departures grow.
 
-        Raises a TrajectoryError if small disturbances of the motion grow without bound.
+        Raises a TrajectoryError if small disturbances of the motion grow, or fade, without bound.
         """
         equation = equation_of(model, parts, i, record)
         with np.errstate(all="ignore"):
@@ -148,6 +148,10 @@ class Windows:
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
         unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)
         unit *= np.diff(record.phase(m.grid.step * steps))[:, None, None]
+        jumps = np.linalg.solve(states, unit)
+        # Of a motion that has died out no change of its start is a departure; nan is no less.
+        if not all(np.all(np.abs(x) < GROWN) for x in (rows, jumps)):
+            raise TrajectoryError("small disturbances of the motion grow, or fade, without bound")
         amplitude = np.hypot(q, v)
         apart = np.log(amplitude[:, None] / amplitude)
         alike = np.exp(-np.abs(apart) / _ALIKE) + 1e-9 * np.eye(len(starts))
@@ -157,7 +161,7 @@ class Windows:
             rows,
             steps,
             np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
-            np.linalg.solve(states, unit),
+            jumps,
             np.kron(grown(amplitude, reach)[:, None] * np.linalg.cholesky(alike), np.eye(2)),
             np.concatenate([columns_of(parts, i), at_start]),
         )

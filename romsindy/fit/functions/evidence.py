@@ -27,7 +27,7 @@ from romsindy.fit.functions import prior
 from romsindy.fit.functions.prior import constraints, lifted, nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
-from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import GROWN, TrajectoryError
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.records.record import Record
@@ -39,7 +39,6 @@ _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
 _LOST = 1e4  # changes, in amplitudes, that lead nowhere
 # A structure whose misfit is so many times the noise after so many steps will not come down.
 _HOPELESS, _PATIENCE = 3.0, 3
-_GROWN = 1e100  # rows, in units of the noise, whose squares are no numbers, nearly
 _EACH = 8  # draws for each set of scales
 _SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
 _NEAR = 0.05  # changes, in amplitudes, below which the equation is nearly linear
@@ -237,7 +236,7 @@ def _best_jump(now: Fitted, jumps: Array) -> Fitted:
 def better_scales(now: Fitted) -> Fitted:
     """The same with the scales of the largest evidence."""
     rows = now.reduced
-    if not np.all(np.abs(rows.rows) < _GROWN):  # nan is not
+    if not np.all(np.abs(rows.rows) < GROWN):  # nan is not
         raise TrajectoryError(_ASTRAY)
     found = minimize(
         lambda x: _cost(now.series, rows, x),

@@ -34,6 +34,9 @@ _SLOW, _MIXED = 0.01, 4  # corrections that shrink by less are mixed, with so ma
 _FIRST_WINDOW = 2 * STEPS_PER_CYCLE
 
 
+GROWN = 1e100  # whitened disturbances of a motion beyond which their squares are no numbers, nearly
+
+
 class TrajectoryError(RuntimeError):
     """The motion could not be followed to its end: it diverges, or its inertia vanishes.
 

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.linear_response import sensitivity
 from romsindy.fit.kernel.linear_steps import Equation
@@ -38,7 +38,6 @@ TOLERANCE = 1e-6
 _OUTLIER = 3.0  # residual over noise from which a robust loss forgives
 # A simulated motion this many times the noise away is as bad as none.
 _FAR = 1e9
-_GROWN = 1e100  # a disturbance that grows so many times has a square that is no number, nearly
 LOSSES = ("linear", "soft_l1")
 
 
@@ -106,7 +105,7 @@ class _Problem:
         for i, (record, equation, motion) in enumerate(motions):
             with np.errstate(all="ignore"):
                 slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
-            if not np.all(np.abs(slopes) < _GROWN):  # nan is not
+            if not np.all(np.abs(slopes) < GROWN):  # nan is not
                 raise TrajectoryError("small disturbances of the motion grow without bound", motion)
             x = record.in_orders(parts, partial(motion.samples, equation))
             n = len(motion.start)
