@@ -21,7 +21,7 @@ from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.process_noise import Marginal, Windows
+from romsindy.fit.process_noise import Departures, Marginal, Windows
 from romsindy.fit.records.record import Record, scales
 
 OMEGA, ZETA = 2 * np.pi * 5, 0.005
@@ -312,6 +312,13 @@ def test_values_of_the_model_come_before_effects():
     alike = explanation(score=1.0, closed=0.8)
     assert verdict_for(explanation(**values), alike) == "ambiguous"
     assert verdict_for(explanation(**values, score=50.0), explanation()) == "named"
+
+
+def test_an_equation_whose_motions_die_out_asks_for_no_departures():
+    """By exp(-40 t), 640 e-folds: what moves the end by a unit passes 1e200 at the start."""
+    dying = rs.ReducedModel.from_coefficients({"omega^2": OMEGA**2 + 1600, "c_linear": 80.0})
+    record = Record.of(wandering(0, 0.0), 1e-6)
+    assert Departures.of(dying, (), [record], [record.motion]) is None
 
 
 def test_without_a_motion_nothing_is_weighed():
