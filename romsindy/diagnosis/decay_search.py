@@ -182,12 +182,10 @@ class DecaySearch(Search):
         s = hypothesis.solution
         # Two forces that remember can be followed in short steps only: hours.
         slow = sum(isinstance(p.effect, MemoryEffect) for p in s.parts) > 1
-        most, given = (
-            _HOPELESS * hypothesis.n_samples,
-            (self.model, s.parts, self.records, s.motions),
-        )
+        most = _HOPELESS * hypothesis.n_samples
         if s.converged or slow or not s.chi_squared < most:
             return hypothesis
+        given = (self.model, s.parts, self.records, s.motions)
         try:
             first = simulated_misfit(*given)
             if not first @ first < most:  # too far to come near in some simulations

@@ -334,7 +334,7 @@ def _release(
     releases, discarded = split_releases(recording)
     first, last = recording.t[0], recording.t[-1]
     if not releases:
-        t, x = recording.t, recording.x.reshape(len(recording.t), -1)
+        t, x = recording.t, np.nan_to_num(recording.x)  # a channel may have no samples
         parts = [x[(t >= part.start) & (t <= part.end)] for part in discarded]
         # Of all that is none the loudest is what was meant, not the rest after it.
         why = discarded[int(np.argmax([np.ptp(part, axis=0).max() for part in parts]))].reason

@@ -28,7 +28,7 @@ STEPS_PER_CYCLE = 40
 # Newton's method stops when the correction of q_ddot is below this, relative to its largest.
 _CONVERGED = 1e-11
 _ITERATIONS = 12
-_FAR = 100.0
+_FAR = 100.0  # times that, foretold for the last step, at which a window is given up
 _SLOW, _MIXED = 0.01, 4  # corrections that shrink by less are mixed, with so many before them
 # Steps in the first window: Newton starts from a linear oscillator, good for about two cycles.
 _FIRST_WINDOW = 2 * STEPS_PER_CYCLE
