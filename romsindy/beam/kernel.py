@@ -21,7 +21,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numba import njit
+
+try:
+    from numba import njit
+except ImportError:  # it has no wheels for every machine: the same loops, interpreted
+
+    def njit(**_):  # type: ignore
+        return lambda loop: loop
+
 
 _XI = 1.0 / np.sqrt(3.0)
 # shape functions and slopes (d/dxi) at the two strain points
@@ -324,7 +331,11 @@ def apply_increments(dX, X, V, a, h, A, to_acceleration):  # type: ignore[no-unt
     return change, largest
 
 
-def is_compiled() -> bool:
-    """Tell whether the compiled code is in memory or in numba's cache on disk."""
+def warning() -> str:
+    """What makes the first run slow, or every one; nothing where the compiled code is at hand."""
+    if not hasattr(newton_update, "stats"):
+        return "numba is not installed: beams are simulated some 300 times as slowly"
     cache = Path(newton_update.stats.cache_path or ".")
-    return bool(newton_update.signatures) or any(cache.glob("kernel.newton_update*.nbi"))
+    if newton_update.signatures or any(cache.glob("kernel.newton_update*.nbi")):
+        return ""
+    return "compiling the beam kernels (first run only, some 10 s)"

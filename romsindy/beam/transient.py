@@ -88,8 +88,8 @@ def simulate(
     """
     _check(assembly, shape, duration, step, energy_tolerance)
     v = _checked_velocity(assembly, velocity)
-    if progress and on_terminal() and not kernel.is_compiled():
-        print("compiling the beam kernels (first run only, some 10 s)", file=sys.stderr)
+    if progress and on_terminal() and (slow := kernel.warning()):
+        print(slow, file=sys.stderr)
     rest, start = equilibrium.displacement, shape.displacement
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
