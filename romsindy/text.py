@@ -159,14 +159,6 @@ def listed(words: Sequence[object], conjunction: str = "and") -> str:
     return f"{', '.join(most)} {conjunction} {last}" if most else last
 
 
-def at_most(lines: Sequence[str], room: int, rest: str) -> list[str]:
-    """The first lines that have room, and a last one on how many more there are: the ``rest``."""
-    if len(lines) <= room:
-        return list(lines)
-    kept = max(room - 1, 0)
-    return [*lines[:kept], f"{len(lines) - kept} more {rest}"]
-
-
 def on_terminal() -> bool:
     """Whether somebody watches the error stream: in a pipe, progress is a heap of lines."""
     return sys.stderr.isatty()

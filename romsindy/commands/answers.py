@@ -26,11 +26,11 @@ from romsindy.commands.outputs import (
 from romsindy.commands.results import HEADER, Refused, Result
 from romsindy.physics.term_sum import json_text
 from romsindy.show.page import write_overview
-from romsindy.text import aligned, as_options, at_most, bar
+from romsindy.text import aligned, as_options, bar
 
 Job = Callable[[Path | None, Path], Result]
 
-_LINES = 20  # that are read at once; the tables are on the page
+_LINES = 12  # that are read at once; the tables are on the page
 _FIGURE = "romsindy backbone"  # what the file says of itself
 SAVE = click.option(
     "--save", type=Output(JSON), help="Write all that was identified, bands included, as JSON."
@@ -128,7 +128,7 @@ class Telling:
             with writing(self.figure):
                 next(p for p in result.pictures if p.name == "backbone").write(self.figure)
             written.append(told("Figure", self.figure))
-        words = [result.full()] if self.full else in_brief(result, _LINES - len(written))
+        words = [result.full()] if self.full else in_brief(result, _LINES)
         self._say([*words, *written])
         if self.save is not None and result.found is None:
             raise click.ClickException(result.report.trouble)
@@ -158,8 +158,10 @@ class Telling:
 
 def in_brief(result: Result, room: int) -> list[str]:
     """What was found and how sure, what is wrong with it, what next: so many lines at most."""
-    more = "with --full, and on the page."
-    return [*at_most(result.brief(), room - 1, more), f"Next: {result.step}"]
+    lines = result.brief()
+    left = len(lines) - (room - 1)
+    more = f" {left} more lines with --full, and on the page." if left > 0 else ""
+    return [*lines[: room - 1], f"Next: {result.step}{more}"]
 
 
 def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refused], bool]:

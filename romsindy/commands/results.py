@@ -20,7 +20,7 @@ from romsindy.show.panels import pictures, write_result
 from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
-_FEW = 9  # rows of a table that is printed without --full
+_FEW = 8  # rows of a table that is printed without --full
 _WORDS = {True: "yes", False: "no", None: "not refined"}
 HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
 HEADER += ["structure", "explained", "report"]
@@ -229,17 +229,21 @@ class Result:
         return [[self.file, *vibration.cells(), *end] for vibration in self.small]
 
     def brief(self) -> list[str]:
-        """What was found and how sure that is, then what is doubtful of it."""
+        """What was found and how sure that is, then what is doubtful of it, what matters first."""
         r, series, beside = self.report, self.report.series, self.report.beside
-        lines = [r.picked] if r.picked else []
-        lines += r.equations() if series is None else series.in_short()
+        lines = r.equations() if series is None else series.in_short()
+        later = [lines.pop()] if series is not None and series.short.follows else []
         lines += _if_short(coefficients(r)) if r.found is not None and not r.modes else []
-        lines += [] if series is None else series.ends()
-        lines += r.findings(alone=True)
+        lines += [] if series is None else [" ".join(series.ends())]
+        findings = r.findings(alone=True)
+        if r.found is not None and beside is not None:
+            later.append(findings.pop())
+        lines += [*findings, *([r.left_out] if r.left_out else [])]
         for table in few_tables(r):
-            lines += as_text(table._replace(note="")).splitlines()
+            rows = as_text(table._replace(note="")).splitlines()
+            lines, later = (lines, later + rows) if r.steady else (lines + rows, later)
         doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
-        return [*lines, *doubts]
+        return [*lines, *doubts, *later]
 
     def full(self) -> str:
         """All of it, tables included."""
