@@ -18,8 +18,8 @@ import romsindy
 # The rooms in the order of the data flow: each imports from those before it, never from those
 # after it. `beam` is beside `fit`: neither knows the other, nor `regression`, which for several
 # coordinates starts from the records of a fit. `show` draws arrays, models and fits; a diagnosis
-# and an inspection have pages of their own drawn by it. `romsindy_study` stands beside the package:
-# no room knows it.
+# and an inspection have pages of their own drawn by it. Applications, `romsindy_study` and
+# `romsindy_batch`, stand beside the package: no room knows them.
 ROOMS = [
     {"text", "typing"},
     {"record"},
@@ -104,9 +104,9 @@ def test_models_and_signals_know_no_regression():
     assert knowing <= {"regression"}
 
 
-def test_no_room_knows_the_study():
-    """It is an application, found by its entry point as any package's command is."""
-    assert not [m for m in MODULES for n in imported(m) if n.startswith("romsindy_study")]
+def test_no_room_knows_the_applications():
+    """They are found by their entry points, as any package's command is."""
+    assert not [m for m in MODULES for n in imported(m) if n.startswith("romsindy_")]
 
 
 def test_what_is_not_needed_is_not_imported():

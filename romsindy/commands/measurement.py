@@ -20,6 +20,7 @@ from romsindy.record.files import load_decay, load_recording
 from romsindy.record.files.load import named
 from romsindy.record.recording import Recording
 from romsindy.show.identified import Identified
+from romsindy.show.page import Picture
 from romsindy.text import bar, listed
 
 
@@ -132,16 +133,19 @@ def of_file(file: Path | None, warnings: Sequence[str] = ()) -> Iterator[None]:
         raise ValueError(words) from error
 
 
-def of_one_mode(
-    file: Path | None,
-    page: Path,
-    reading: Mapping[str, Any],
-    choice: Selection,
-    analyse: Analysis,
-    seed: int,
-    interactive: bool,
-) -> Result:
-    """Analyse one mode of a file, or of the example, and write its page.
+class Analysed(NamedTuple):
+    """What came of one mode of a file: arguments of a `Result`."""
+
+    report: Identified
+    more: list[Picture]  # figures beside its own
+    facts: dict[str, Any]
+    step: str
+
+
+def analysed(
+    file: Path | None, reading: Mapping[str, Any], choice: Selection, analyse: Analysis, seed: int
+) -> Analysed:
+    """Analyse one mode of a file, or of the example.
 
     Raises a ValueError if the file cannot be understood, or does not hold what was chosen; as
     ``analyse``.
@@ -166,7 +170,15 @@ def of_one_mode(
         "releases": tuple(i + 1 for i in releases),
         "warnings": found.warnings,
     }
-    step = _next(str(file or "example"), report, found)
+    return Analysed(report, more, facts, _next(str(file or "example"), report, found))
+
+
+def of_one_mode(file: Path | None, page: Path, interactive: bool, **asked: Any) -> Result:
+    """Analyse one mode of a file, or of the example, as `analysed` is asked, and write its page.
+
+    Raises a ValueError as `analysed`.
+    """
+    report, more, facts, step = analysed(file, **asked)
     return Result.written(file, page, report, interactive, more, facts=facts, step=step)
 
 

@@ -96,9 +96,7 @@ def regress(
     telling = Telling.taken(options)
     recipe = Recipe(**{f.name: options.pop(f.name) for f in fields(Recipe)})
 
-    def job(file: Path | None, page: Path) -> Any:
-        analyse = partial(regressed, recipe=recipe)
-        choice = Selection(mode, band, release)
-        return of_one_mode(file, page, options, choice, analyse, seed, telling.interactive)
-
+    asked: dict[str, Any] = {"analyse": partial(regressed, recipe=recipe), "seed": seed}
+    asked |= {"choice": Selection(mode, band, release), "reading": options}
+    job = partial(of_one_mode, interactive=telling.interactive, **asked)
     telling.give(job, files, example, "regression")

@@ -24,6 +24,7 @@ _READERS: dict[str, Reader] = {
     ".rpt": tables.read_abaqus,
     ".tdms": channels.read_tdms,
 }
+ENDINGS = tuple(sorted(_READERS))  # of names of files that are read
 # How a file of a kind starts. A name may lie, its content does not.
 _STARTS: tuple[tuple[bytes, Reader], ...] = (
     (b"\x93NUMPY", arrays.read_npy),
@@ -74,9 +75,7 @@ def reader_of(path: Path) -> Reader:
         if start.startswith(mark):
             return reader
     if path.suffix.lower() not in _READERS:
-        raise ValueError(
-            f"{path}: unknown kind of file {path.suffix!r}; use {', '.join(sorted(_READERS))}"
-        )
+        raise ValueError(f"{path}: unknown kind of file {path.suffix!r}; use {', '.join(ENDINGS)}")
     return _READERS[path.suffix.lower()]
 
 

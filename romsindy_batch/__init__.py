@@ -1,0 +1,1 @@
+"""Many records at once: an application beside the package, the command ``romsindy batch``."""
