@@ -1,4 +1,4 @@
-"""The command ``romsindy batch``."""
+"""Identify all records of a folder, or of a table with a column "file", one after the other."""
 
 from __future__ import annotations
 

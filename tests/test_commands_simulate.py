@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -114,3 +117,38 @@ def test_failed_run_is_written(tmp_path, monkeypatch):
 
 def test_help_names_the_options():
     assert "--release-mode" in CliRunner().invoke(main, ["simulate", "--help"]).output
+
+
+def without_numba(folder, *words):
+    """Run a command in a new interpreter that finds no numba."""
+    code = (
+        "import sys; sys.modules['numba'] = None;"
+        f" from romsindy.commands.main import main; main({[*map(str, words)]!r})"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, check=True, capture_output=True, text=True
+    )
+
+
+def test_without_numba_a_beam_is_the_same(tmp_path):
+    """Compiled or interpreted, the loops do the same sums: alike to rounding."""
+    words = ["--elements", 2, "--duration", 0.01]
+    done = CliRunner().invoke(main, ["simulate", str(tmp_path / "a.csv"), *map(str, words)])
+    assert done.exit_code == 0, done.output
+    without_numba(tmp_path, "simulate", "b.csv", *words)
+    a, b = (load_decay(tmp_path / name) for name in ("a.csv", "b.csv"))
+    assert_allclose(a.q, b.q, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_without_numba_records_are_read_identified_and_diagnosed(tmp_path):
+    t = np.arange(0, 6, 1 / 150)
+    q = 0.02 * np.exp(-0.3 * t) * np.cos(40 * t) + 1e-5 * np.random.default_rng(0).normal(size=900)
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack([t, q]), delimiter=",", header="t,x [m]", comments=""
+    )
+    assert "mode 1" in without_numba(tmp_path, "inspect", "a.csv").stdout
+    found = without_numba(tmp_path, "identify", "a.csv", "--model", "m.json").stdout
+    assert "explains the data" in found
+    said = without_numba(tmp_path, "diagnose", "--measured", "a.csv", "--model", "m.json").stdout
+    assert said.startswith("none")

@@ -128,7 +128,7 @@ class Telling:
             with writing(self.figure):
                 next(p for p in result.pictures if p.name == "backbone").write(self.figure)
             written.append(told("Figure", self.figure))
-        words = [result.full()] if self.full else in_brief(result, _LINES)
+        words = [result.full()] if self.full else result.in_brief(_LINES)
         self._say([*words, *written])
         if self.save is not None and result.found is None:
             raise click.ClickException(result.report.trouble)
@@ -154,14 +154,6 @@ class Telling:
                 command=command,
             )
         self._say([aligned(rows), "", *refused, sentence, told("Overview", overview)])
-
-
-def in_brief(result: Result, room: int) -> list[str]:
-    """What was found and how sure, what is wrong with it, what next: so many lines at most."""
-    lines = result.brief()
-    left = len(lines) - (room - 1)
-    more = f" {left} more lines with --full, and on the page." if left > 0 else ""
-    return [*lines[: room - 1], f"Next: {result.step}{more}"]
 
 
 def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refused], bool]:

@@ -40,11 +40,13 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.diagnosis.diagnose import diagnose as run_diagnosis
-from romsindy.diagnosis.difference import KINDS
+from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.equations import Equations, inputs_of
+from romsindy.physics.term_sum import read_json
+from romsindy.physics.validation import table
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.simulator import Program
@@ -186,7 +188,8 @@ _HEADINGS = {
     "--repeats",
     multiple=True,
     type=_FILE,
-    help="The same test measured again, two files or more: their spread does not matter.",
+    help="The same test measured again, two files or more, or what romsindy repeat saved of them:"
+    " their spread does not matter.",
 )
 @click.option(
     "--reference",
@@ -293,6 +296,8 @@ def diagnose(
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
     with bar(None, "reading the records"), _columns_of(beam_file):
+        stored = tuple(file for file in repeats if file.suffix == ".json")
+        repeats = tuple(file for file in repeats if file not in stored)
         learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
         tests = _loaded(load, [held_out] if held_out is not None else [])
     if len(tests) > 1:
@@ -301,7 +306,9 @@ def diagnose(
     asked: dict[str, Any] = {"floor": floor, "tolerance": tolerance or None, "budget": budget}
     asked["free"] = [name for name in free if name != "nothing"] if free else None
     asked["tolerances"] = tolerances or None
-    asked["repeats"] = [d for _, d in again] if repeats else None
+    asked["repeats"] = [d for _, d in again] if again else None
+    if stored:
+        asked["tolerance"] = repeats_in(stored, tolerance or again)
     asked["held_out"] = tests[0][1] if tests else None
     asked["reference"] = [d for _, d in known] or None
     series = [] if simulated is None else [f"{simulated}"]
@@ -349,6 +356,18 @@ def _model(path: Path) -> Equations | Estimate:
     text = text_of(path)
     with named(f"{path}"):
         return estimate_of(text) or model_of(text)
+
+
+def repeats_in(files: Sequence[Path], beside: object) -> Tolerance:
+    """The tolerance that romsindy repeat wrote, alone."""
+    if len(files) > 1 or beside:
+        raise click.UsageError(f"--repeats {files[0]} is a tolerance: leave out any other")
+    with named(f"{files[0]}"):
+        content = table("the JSON text", read_json(text_of(files[0])), ("tolerance",))
+        kept = table("its tolerance", content["tolerance"], (*KINDS, "source", "undetermined"))
+        wide = tuple(map(tuple, kept["undetermined"]))
+        own = {name: kept[name] for name in (*KINDS, "source")} | {"undetermined": wide}
+        return Tolerance().or_more(Tolerance(**own, sources={k: DEFAULT for k, *_ in wide}))
 
 
 def _equation(simulation: Equations | Estimate) -> Equations:

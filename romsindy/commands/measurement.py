@@ -133,19 +133,10 @@ def of_file(file: Path | None, warnings: Sequence[str] = ()) -> Iterator[None]:
         raise ValueError(words) from error
 
 
-class Analysed(NamedTuple):
-    """What came of one mode of a file: arguments of a `Result`."""
-
-    report: Identified
-    more: list[Picture]  # figures beside its own
-    facts: dict[str, Any]
-    step: str
-
-
 def analysed(
     file: Path | None, reading: Mapping[str, Any], choice: Selection, analyse: Analysis, seed: int
-) -> Analysed:
-    """Analyse one mode of a file, or of the example.
+) -> tuple[Identified, list[Picture], dict[str, Any], str]:
+    """Analyse one mode of a file, or of the example: report, more figures, facts, what comes next.
 
     Raises a ValueError if the file cannot be understood, or does not hold what was chosen; as
     ``analyse``.
@@ -170,7 +161,7 @@ def analysed(
         "releases": tuple(i + 1 for i in releases),
         "warnings": found.warnings,
     }
-    return Analysed(report, more, facts, _next(str(file or "example"), report, found))
+    return report, more, facts, _next(str(file or "example"), report, found)
 
 
 def of_one_mode(file: Path | None, page: Path, interactive: bool, **asked: Any) -> Result:

@@ -228,8 +228,8 @@ class Result:
         end = [self.structure, _WORDS[self.explained], str(self.page)]
         return [[self.file, *vibration.cells(), *end] for vibration in self.small]
 
-    def brief(self) -> list[str]:
-        """What was found and how sure that is, then what is doubtful of it, what matters first."""
+    def in_brief(self, room: int) -> list[str]:
+        """What was found, how sure, what is doubtful, what next: so many lines at most."""
         r, series, beside = self.report, self.report.series, self.report.beside
         lines = r.equations() if series is None else series.in_short()
         later = [lines.pop()] if series is not None and series.short.follows else []
@@ -243,7 +243,10 @@ class Result:
             rows = as_text(table._replace(note="")).splitlines()
             lines, later = (lines, later + rows) if r.steady else (lines + rows, later)
         doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
-        return [*lines, *doubts, *later]
+        lines += [*doubts, *later]
+        left = len(lines) - (room - 1)
+        more = f" {left} more lines with --full, and on the page." if left > 0 else ""
+        return [*lines[: room - 1], f"Next: {self.step}{more}"]
 
     def full(self) -> str:
         """All of it, tables included."""

@@ -159,7 +159,8 @@ def write_overview(
     """
     header, *body = rows
     linked = [[*row[:-1], _link(row[-1])] for row in body]
-    pictures = [Picture("backbones", "Backbones", _CAPTION, partial(_draw, backbones), (9.0, 4.8))]
+    draw = partial(draw_backbones, backbones)
+    pictures = [Picture("backbones", "Backbones", _CAPTION, draw, (9.0, 4.8))]
     write_page(
         path,
         "report",
@@ -178,7 +179,8 @@ def _link(page: str) -> str:
     return page if page == "-" else Markup(f'<a href="{escape(page)}">{escape(page)}</a>')
 
 
-def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
+def draw_backbones(backbones: Mapping[str, Backbone], figure: Figure) -> None:
+    """Frequency and damping ratio of the cycles of several records against amplitude."""
     frequency, damping = figure.subplots(1, 2, sharey=True)
     for name, b in backbones.items():
         sure = b.certain
@@ -190,10 +192,5 @@ def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
     damping.set(xlabel="damping ratio (%)")
     frequency.set_ylim(0, None)
     frequency.xaxis.set_major_locator(MaxNLocator(5))
-    figure.legend(
-        handles=frequency.lines,
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
+    look = {"ncols": 3, "frameon": False, "fontsize": "small"}
+    figure.legend(handles=frequency.lines, loc="outside lower center", **look)
