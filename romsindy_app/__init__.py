@@ -1,0 +1,1 @@
+"""A page to click: an application beside the package, the command ``romsindy app``."""

@@ -1,0 +1,184 @@
+"""The page to click: what it runs, what it gives along, and all of it in a browser."""
+
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from romsindy import Identification
+from romsindy.commands.main import main
+from romsindy_app import command
+from romsindy_app.session import Choice, Session
+
+PATIENCE = 240  # s, on a machine that does other things
+
+
+def record():
+    """A linear decay of 40 cycles in closed form, 50 dB, as CSV in mm."""
+    t = np.arange(0, 6, 1 / 120)
+    x = 12 * np.exp(-0.3 * t) * np.cos(40 * t)
+    x += 0.03 * np.random.default_rng(0).normal(size=len(t))
+    lines = [f"{a:.6f},{b:.6f}" for a, b in zip(t, x, strict=True)]
+    return "\n".join(["t [s],x [mm]", *lines]).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("a.csv", "a.csv"),
+        ("../../etc/x.csv", "x.csv"),
+        ("C:\\a\\b.csv", "b.csv"),
+        ("-o.csv", "o.csv"),
+    ],
+)
+def test_what_is_dropped_stays_in_the_folder(name, kept):
+    session = Session()
+    path = session.put(name, b"x")
+    assert path == session.folder / kept and path.read_bytes() == b"x"
+
+
+def test_a_file_is_looked_at_by_the_command():
+    session = Session()
+    seen, said, page = session.inspect(session.put("a.csv", record()), Choice())
+    assert seen["modes"][0]["frequency"]["loud"] == pytest.approx(40 / (2 * np.pi), rel=1e-3)
+    assert said.startswith("a.csv: 720 samples") and page.read_text().count("data:image/png") == 1
+    none, why, page = session.inspect(session.put("b.csv", b"hello\n"), Choice(unit="mm"))
+    assert none is None and page is None and "b.csv" in why
+    assert session.commands[1].startswith("romsindy inspect b.csv --unit mm")
+
+
+def ended(job):
+    until = time.monotonic() + PATIENCE
+    while job.running and time.monotonic() < until:
+        time.sleep(0.2)
+    assert job.said is not None
+    return job
+
+
+@pytest.mark.slow
+def test_what_it_gives_along_does_the_same():
+    """The script of the page, and its command, give the equation that was shown."""
+    session = Session()
+    path, choice = session.put("a.csv", record()), Choice(mode=1, release=1)
+    job = ended(session.identify(path, choice))
+    assert "The model explains the data" in job.said and not job.refused and not job.stopped
+    files = job.files()
+    assert set(files) == {"page", "model", "all that was found"}
+    (session.folder / "script.py").write_text(session.script(path, choice))
+    shown = Identification.load(files["all that was found"]).model
+    done = [sys.executable, "script.py"]
+    subprocess.run(done, cwd=session.folder, check=True, capture_output=True)
+    assert Identification.load(session.folder / "found.json").model == shown
+    job = ended(session.diagnose(path, choice, "--model", files["model"]))
+    assert job.said.startswith("none") and "page" in job.files()
+
+
+@pytest.mark.slow
+def test_long_work_can_be_stopped():
+    session = Session()
+    job = session.identify(session.put("a.csv", record()), Choice())
+    time.sleep(4.0)  # while it reads, or fits
+    job.stop()
+    ended(job)
+    assert job.stopped or job.refused or "interrupted" in job.said.lower()
+
+
+def test_a_port_that_is_taken_and_a_page_that_is_not_installed(monkeypatch):
+    pytest.importorskip("marimo")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(main, ["app", "--port", str(port), "--no-browser"])
+    assert result.exit_code == 2 and f"--port {port} is taken" in result.output
+    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["app"])
+    assert result.exit_code == 2 and 'pip install "romsindy[app]"' in result.output
+
+
+# -- in a browser ---------------------------------------------------------------------------------
+
+_FIND = """
+const [what, text] = arguments, found = [];
+function walk(root) {
+  for (const e of root.querySelectorAll("*")) {
+    if (e.matches(what) && (!text || e.textContent.includes(text))) found.push(e);
+    if (e.shadowRoot) walk(e.shadowRoot);
+  }
+}
+walk(document);
+return found;
+"""
+
+
+class Page:
+    """A page in a browser, and how often it was clicked."""
+
+    def __init__(self, browser):
+        self.browser, self.clicks = browser, 0
+
+    def find(self, what, text=None):
+        """The first element of a kind with a text, as soon as it is there."""
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            found = self.browser.execute_script(_FIND, what, text)
+            if found:
+                return found[0]
+            time.sleep(0.3)
+        raise AssertionError(f"no {what} with {text!r}: {self.browser.page_source[:500]}")
+
+    def click(self, what, text):
+        element = self.find(what, text)
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+        time.sleep(1.0)  # it scrolls smoothly
+        element.click()
+        self.clicks += 1
+
+
+@pytest.fixture
+def page(tmp_path):
+    pytest.importorskip("marimo")
+    webdriver = pytest.importorskip("selenium.webdriver")
+    driver = shutil.which("chromedriver")
+    if driver is None:
+        pytest.skip("no chromedriver: apt install chromium chromium-driver")
+    words = [sys.executable, "-u", "-m", "romsindy", "app", "--no-browser"]
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    address = re.search(r"http\S+", server.stdout.readline())[0]
+    options = webdriver.ChromeOptions()
+    for word in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1280,1400"):
+        options.add_argument(word)
+    options.add_experimental_option("prefs", {"download.default_directory": str(tmp_path)})
+    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    try:
+        with pytest.raises(urllib.error.HTTPError, match="401"):  # without the token
+            urllib.request.urlopen(address.partition("?")[0] + "/api/status")
+        browser.get(address)
+        yield Page(browser)
+    finally:
+        browser.quit()
+        server.terminate()
+        server.communicate()
+
+
+@pytest.mark.slow
+def test_a_file_is_dropped_identified_and_its_report_downloaded(page, tmp_path):
+    """At most five clicks."""
+    (tmp_path / "a.csv").write_bytes(record())
+    page.find("input[type=file]").send_keys(str(tmp_path / "a.csv"))
+    page.click("button", "Identify")
+    page.find("pre", "The model explains the data")
+    page.click("a", "Download page")
+    report = tmp_path / "a_report.html"
+    until = time.monotonic() + PATIENCE
+    while not report.is_file() and time.monotonic() < until:
+        time.sleep(0.3)
+    assert 'content="romsindy identify"' in report.read_text() and page.clicks <= 5
