@@ -19,7 +19,7 @@ from romsindy.physics.damping import (
 from romsindy.physics.inertia import AddedMass, Inertia, LinearConvection, QuadraticInertia
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import ConstantForce, GapForce, MagnetForce, Stiffness, StopForce
-from romsindy.physics.term import Combination, ForceLaw, Term
+from romsindy.physics.term import Combination, ForceLaw, Term, unit_text
 from romsindy.physics.term_sum import term_from_key
 
 POLYNOMIAL = [
@@ -309,3 +309,8 @@ def test_orders_are_checked(make):
 def test_damping_kind_is_checked():
     with pytest.raises(ValueError, match=r"damping kind 'viscous' is not known: use one of"):
         damping_law("viscous")
+
+
+def test_an_exponent_that_was_fitted_makes_no_odd_unit():
+    assert unit_text({"rad": -2.001, "s": -1.0}) == "1/(rad^2 s)"
+    assert unit_text({"m": 0.996, "s": -2}) == "m/s^2" and unit_text({"m": -1.87}) == "1/m^1.87"

@@ -165,10 +165,7 @@ def analysed(
 
 
 def of_one_mode(file: Path | None, page: Path, interactive: bool, **asked: Any) -> Result:
-    """Analyse one mode of a file, or of the example, as `analysed` is asked, and write its page.
-
-    Raises a ValueError as `analysed`.
-    """
+    """Analyse one mode of a file, or of the example, as `analysed`, and write its page."""
     report, more, facts, step = analysed(file, **asked)
     return Result.written(file, page, report, interactive, more, facts=facts, step=step)
 

@@ -101,8 +101,8 @@ def undetermined(tolerance: Tolerance) -> list[str]:
 
 
 def odds(log_odds: float, other: str) -> str:
-    """Odds against the next explanation, by its name."""
-    return f"{_odds(log_odds)} against the next, {other}"
+    """Odds against the next explanation, by its name where it is any rival."""
+    return f"{_odds(log_odds)} against the next{'' if log_odds > _MOST_ODDS else f', {other}'}"
 
 
 def _odds(log_odds: float) -> str:

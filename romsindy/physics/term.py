@@ -217,8 +217,9 @@ def side_name(side: int) -> str:
 
 def unit_text(powers: Mapping[str, float]) -> str:
     """Text of a product of powers of units, such as "N s/m"."""
-    above = [power_text(unit, p) for unit, p in powers.items() if p > 0]
-    below = [power_text(unit, -p) for unit, p in powers.items() if p < 0]
+    rounded = {unit: round(p, 2) for unit, p in powers.items()}  # an exponent that was fitted
+    above = [power_text(unit, p) for unit, p in rounded.items() if p > 0]
+    below = [power_text(unit, -p) for unit, p in rounded.items() if p < 0]
     if not below:
         return " ".join(above) or "1"
     text = " ".join(below)
