@@ -256,6 +256,19 @@ def run(folder, monkeypatch):
     return lambda *words: CliRunner().invoke(main, ["batch", *map(str, words)])
 
 
+def test_what_is_refused_is_told_and_kept(run, folder):
+    """Of two files that are no records the table says why; the same command asks neither again."""
+    (folder / "bad_list.csv").write_text("file,temperature\nbad.csv,22\nmissing.csv,23\n")
+    result = run("bad_list.csv", "--out", "refused")
+    assert result.exit_code == 2 and "0 of 2 records identified" in result.output
+    page = (folder / "refused" / "index.html").read_text()
+    assert "missing.csv is not there: mend its name in the table" in page and "bad.csv" in page
+    table = (folder / "refused" / "table.csv").read_text().splitlines()
+    assert len(table) == 3 and table[0].startswith("file,temperature,explained")
+    assert "2 of 2 records are known from before" in run("bad_list.csv", "--out", "refused").output
+
+
+@pytest.mark.slow
 def test_one_bad_file_stops_nothing_and_nothing_is_done_twice(run, folder):
     result = run("list.csv", "--out", "out", "--pages")
     assert result.exit_code == 2 and "2 of 4 records identified" in result.output
