@@ -280,7 +280,9 @@ def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatc
         return whole(decays, coordinates, progress=stop, **options)
 
     monkeypatch.setattr(analysis, "identify", interrupted)
-    result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2, "--report", "part.html")
+    result = run(
+        "identify", "hammer.csv", *COLUMNS, "--coordinates", 2, "--report", "part.html", "--full"
+    )
     assert result.exit_code == 130
     assert "interrupted: the best of what had been tried" in result.output
     assert "interrupted" in (folder / "part.html").read_text(encoding="utf-8")

@@ -238,7 +238,7 @@ class Result:
         findings = r.findings(alone=True)
         if r.found is not None and beside is not None:
             later.append(findings.pop())
-        lines += [*findings, *([r.left_out] if r.left_out else [])]
+        lines += [*findings, *([r.picked] if r.picked else [])]
         for table in few_tables(r):
             rows = as_text(table._replace(note="")).splitlines()
             lines, later = (lines, later + rows) if r.steady else (lines + rows, later)

@@ -114,8 +114,7 @@ _SURVIVORS = 8
 _INSTEAD = 2  # of what stands for values that moved, however coarse their shapes in the screening
 _PAIRS = 5
 _HOPELESS = 30.0  # chi-square over samples
-_SIMULATIONS = 5, 5, 5, 5  # to settle values by simulation: none further where that leads nowhere
-_NEAR, _NEARER = 2.0, 0.9  # chi-square over samples, and over what it was
+_SIMULATIONS = 20  # to settle values by simulation
 
 
 @dataclass(eq=False)
@@ -125,7 +124,6 @@ class DecaySearch(Search):
     model: ReducedModel
     records: Sequence[Record]
     noise: ProcessNoise
-    tried: list[Solution] = field(default_factory=list)  # to settle by simulation
 
     def run(self) -> Finding:
         """Look for the best hypothesis."""
@@ -185,26 +183,16 @@ class DecaySearch(Search):
         # Two forces that remember can be followed in short steps only: hours.
         slow = sum(isinstance(p.effect, MemoryEffect) for p in s.parts) > 1
         most = _HOPELESS * hypothesis.n_samples
-        if s.converged or slow or not s.chi_squared < most or any(s is x for x in self.tried):
+        if s.converged or slow or not s.chi_squared < most:
             return hypothesis
-        self.tried.append(s)
         given = (self.model, s.parts, self.records, s.motions)
         try:
             first = simulated_misfit(*given)
-            before = float(first @ first)
-            if not before < most:  # too far to come near in some simulations
+            if not first @ first < most:  # too far to come near in some simulations
                 return hypothesis
-            more = s
-            for evaluations in _SIMULATIONS:
-                given = (self.model, more.parts, self.records, more.motions)
-                more = shoot(*given, evaluations=evaluations)[0]
-                near = more.chi_squared < _NEAR * hypothesis.n_samples
-                if more.converged or not (near or more.chi_squared < _NEARER * before):
-                    break
-                before = more.chi_squared
+            more = shoot(*given, evaluations=_SIMULATIONS)[0]
         except TrajectoryError:
             return hypothesis
-        self.tried.append(more)
         again = hypothesis.again(self.model, more, self.records)
         # A motion that is not settled is judged by its misfit: its score may lie steps away.
         better = again.solution.chi_squared < s.chi_squared

@@ -58,12 +58,6 @@ class Identified:
         assert self.found is not None  # or there is a comparison
         return self.found.model
 
-    @property
-    def left_out(self) -> str:
-        """What was not used of the record, as a sentence; nothing where all of it was."""
-        _, out, what = self.picked.partition("Left out:")
-        return out + what
-
     # -- what there is --------------------------------------------------------------------------
 
     @property

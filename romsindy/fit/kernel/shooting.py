@@ -94,16 +94,6 @@ class _Problem:
         known = [off / spread for _, off, spread in priors(self.at(values)[0])]
         return np.concatenate([rows, known])
 
-    def first(self) -> Array:
-        """The misfit of the first values.
-
-        Raises a TrajectoryError if there is none.
-        """
-        rows = self.misfit(self.start)
-        if not np.all(np.isfinite(rows)):
-            raise TrajectoryError("the first motions cannot be simulated, or lead far away")
-        return rows
-
     def tables(self, values: Array) -> list[tuple[Indices, Array]]:
         """Sensitivities and misfit over noise about the simulated motions, for each record.
 
@@ -168,7 +158,11 @@ def simulated_misfit(
     motions: Sequence[Trajectory],
 ) -> Array:
     """Whitened misfit of all records, simulated from the initial states of some motions."""
-    return _Problem(model, tuple(parts), records, list(motions), lambda _: None).first()
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    rows = problem.misfit(problem.start)
+    if not np.all(np.isfinite(rows)):
+        raise TrajectoryError("the first motions cannot be simulated, or lead far away")
+    return rows
 
 
 def shoot(
@@ -193,7 +187,7 @@ def shoot(
     """
     parts = tuple(parts)
     problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
-    problem.first()  # least_squares begins with the same, which is not simulated again
+    simulated_misfit(model, parts, records, motions)
     free = np.ones(len(problem.start), bool)
     free[: problem.n_values] = ~held_values(parts, fixed, first=False)
     low, high = np.full((2, len(free)), np.inf) * np.array([[-1], [1]])
