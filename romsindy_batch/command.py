@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import click
 import numpy as np
@@ -99,6 +100,7 @@ def batch(
     """
     asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked)})
     entries = entries_of(source, out)
+    _check(entries, source, out, compare)
     job = Job(options, Selection(mode, band, release), asked, out / _PAGES if pages else None)
     claim_folder(out, _PAGE)
     (out / _PAGES if pages else out).mkdir(parents=True, exist_ok=True)
@@ -119,6 +121,27 @@ def batch(
     refused = summary.tell(interrupted)
     if interrupted or refused:
         raise click.exceptions.Exit(INTERRUPTED if interrupted else REFUSED)
+
+
+def _check(entries: Entries, source: Path, out: Path, compare: tuple[str, str, str] | None) -> None:
+    """Refuse what would fail after all of the work, or replace an input."""
+    for path in (source, *(e.file for e in entries.records)):
+        if out.resolve() in path.resolve().parents:
+            raise click.UsageError(
+                f"--out {out} holds the input {path}: no output replaces an input; name another"
+                " folder"
+            )
+    if compare is None:
+        return
+    column, *names = compare
+    told = [e.values.get(column) for e in entries.records]
+    few = [f"{name}: {told.count(name)}" for name in names if told.count(name) < 2]
+    if few:
+        columns = ", ".join(entries.columns) or "none"
+        raise click.UsageError(
+            f"--compare {' '.join(compare)}: two groups need two records each, and there are"
+            f" {listed(few)}; columns of the table are {columns}"
+        )
 
 
 def _say(line: str) -> None:
@@ -158,9 +181,8 @@ class _Summary:
         first += f"; {asked - n} not yet done" if n < asked else ""
         found = [f"{first}."]
         if len(batch.amplitudes) and n > refused:
-            found.append(
-                f"At {quantity(batch.middle, batch.unit)}: {listed(list(_middles(batch)))}."
-            )
+            size, middles = quantity(batch.middle, batch.unit), list(_middles(batch))
+            found.append(f"At {size}: {listed(middles)}." if middles else f"None reaches {size}.")
         found += [_capital(t.sentence(KINDS[t.kind])) for t in lines]
         found += [f"Outlier: {batch.entries[i].name}, in {what}." for i, what in far.items()]
         if self.groups is not None and n > refused:
@@ -233,13 +255,15 @@ class _Summary:
         page = self.job.page(entry)
         if page is None or not page.is_file():
             return name
-        return Markup(f'<a href="{escape(f"{_PAGES}/{page.name}")}">{escape(name)}</a>')
+        return Markup(f'<a href="{_PAGES}/{quote(page.name)}">{escape(name)}</a>')
 
 
 def _middles(batch: Batch) -> Iterator[str]:
     """Median of each quantity, with the range that holds 95 % of the records."""
     for kind, unit in KINDS.items():
         values = batch.at(batch.middle, kind).value
+        if not np.any(np.isfinite(values)):
+            continue
         low, middle, high = np.nanpercentile(values, [2.5, 50, 97.5])
         yield f"{WORDS[kind]} {middle:.5g} {unit} ({low:.5g} to {high:.5g})"
 

@@ -70,9 +70,11 @@ def _in_table(table: Path) -> Entries:
             f" column of the records so, or analyse one record with romsindy identify {table}"
         )
     records = []
-    for row in rows:
+    for number, row in enumerate(rows, 2):
         values = dict(zip(header, row, strict=False))
-        name = values.pop(_FILE)
+        name = values.pop(_FILE, "")
+        if not name:
+            raise ValueError(f"{table}: row {number} names no file: fill it in, or delete the row")
         records.append(Entry(name, table.parent / name, values))
     twice = [name for name, n in Counter(e.name for e in records).items() if n > 1]
     if twice:

@@ -170,7 +170,7 @@ class Trend:
         change = " +- ".join(with_error(slope, error))
         per = f"{unit} per {'day' if self.dates else 'unit'}"
         if self.p_value > _SURE:
-            return f"{WORDS[self.kind]} does not change with {self.column}: {change} {per}."
+            return f"{WORDS[self.kind]} shows no change with {self.column}: {change} {per}."
         return f"{WORDS[self.kind]} changes with {self.column} by {change} {per}."
 
 
@@ -179,12 +179,12 @@ def numbers(texts: Sequence[str]) -> tuple[Array, bool] | None:
     for read, dates in ((float, False), (datetime.fromisoformat, True)):
         try:
             found = [read(text) if text else None for text in texts]
-        except ValueError:
+            known = [x for x in found if x is not None]
+            first: Any = min(known, default=None) if dates else 0.0
+        except (ValueError, TypeError):  # times with and without a zone have no order
             continue
-        known = [x for x in found if x is not None]
         if len(set(known)) < 2:
             return None
-        first: Any = min(known) if dates else 0.0
         days = [np.nan if x is None else (x - first) for x in found]
         plain = [x.total_seconds() / 86400 if hasattr(x, "total_seconds") else x for x in days]
         return np.array(plain, float), dates
@@ -283,7 +283,7 @@ class Comparison:
 def compared(batch: Batch, column: str, names: tuple[str, str]) -> list[Comparison]:
     """Two groups of records, by what the table says in a column (Welch's interval).
 
-    Raises a ValueError if a group has fewer than two records with a result.
+    Nothing at amplitudes that fewer than two of a group reach.
     """
     texts = np.array(batch.texts(column))
     found = []
@@ -302,18 +302,13 @@ def compared(batch: Batch, column: str, names: tuple[str, str]) -> list[Comparis
             ends = scale * (difference - half), scale * (difference + half)
             means, counts = (float(one.mean()), float(other.mean())), (len(one), len(other))
             found.append(Comparison(kind, float(a), means, counts, *map(float, ends)))
-    if not found:
-        counts_there = {name: int(np.sum(texts == name)) for name in names}
-        raise ValueError(
-            f"--compare {column} {' '.join(names)}: groups of {counts_there} records share no"
-            " amplitude that two of each reach; the table's columns are"
-            f" {', '.join(dict.fromkeys(n for e in batch.entries for n in e.values)) or 'none'}"
-        )
     return found
 
 
 def told(comparisons: Sequence[Comparison], column: str, names: tuple[str, str], unit: str) -> str:
     """A sentence for the amplitude in the middle."""
+    if not comparisons:
+        return f"{column} {names[1]} and {names[0]}: no amplitude is reached by two of each."
     a = sorted({c.amplitude for c in comparisons})
     middle = a[len(a) // 2]
     each = [

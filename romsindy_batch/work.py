@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -40,9 +41,8 @@ class Job:
         return repr((reading, tuple(self.choice), vars(self.asked), self.pages is not None))
 
     def page(self, entry: Entry) -> Path | None:
-        """The page of a record, by its name: the folder is a part of it."""
-        name = entry.name.replace("/", "_").replace("\\", "_")
-        return None if self.pages is None else self.pages / f"{name}.html"
+        """The page of a record, by its name: no two have the same."""
+        return None if self.pages is None else self.pages / f"{quote(entry.name, safe='')}.html"
 
     def __call__(self, entry: Entry) -> tuple[Entry, dict[str, Any]]:
         """A record and what is found of it, by name; why it is refused under "error"."""

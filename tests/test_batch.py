@@ -19,6 +19,7 @@ from romsindy_batch.summary import (
     compared,
     numbers,
     outliers,
+    told,
     trends,
 )
 from romsindy_batch.work import Job, done_on
@@ -90,6 +91,7 @@ def test_a_sheet_is_a_table(tmp_path):
         ("name,t\na.csv,1\n", "no column is called 'file', there are name, t"),
         ("file\na.csv\na.csv\n", "names a.csv twice"),
         ("file\n", "names no record"),
+        ("t,file\n1,a.csv\n2\n", "row 3 names no file"),
         ("\n", "is empty: write a header"),
     ],
 )
@@ -186,6 +188,7 @@ def test_columns_are_numbers_dates_or_words():
     x, dates = numbers(["2026-03-02", "2026-03-01T12:00", ""])
     assert dates
     np.testing.assert_equal(x, [0.5, 0, np.nan])
+    assert numbers(["2026-03-02", "2026-03-02T12:00+01:00"]) is None
     assert numbers(["A", "1"]) is None and numbers(["1", "1"]) is None
 
 
@@ -199,10 +202,8 @@ def test_two_groups_are_held_against_each_other_as_by_welch():
     ends = 100 * np.array(oracle) / a.mean()
     assert (first.low, first.high) == pytest.approx(tuple(ends), rel=1e-6)
     assert first.change == pytest.approx(100 * (b.mean() / a.mean() - 1)) and first.counts == (7, 9)
-    with pytest.raises(
-        ValueError, match=r"--compare specimen A C: .*the table's columns are speci"
-    ):
-        compared(batch, "specimen", ("A", "C"))
+    assert compared(batch, "specimen", ("A", "C")) == []
+    assert told([], "specimen", ("A", "C"), "m").endswith("no amplitude is reached by two of each.")
 
 
 def test_common_amplitudes_are_those_that_all_reach_or_most():
@@ -299,6 +300,8 @@ def test_one_bad_file_stops_nothing_and_nothing_is_done_twice(run, folder):
         (["list.csv", "--out", "mine"], "the folder mine holds files"),
         (["list.csv", "--amplitude", "-1"], "--amplitude"),
         (["nowhere"], "nowhere"),
+        (["list.csv", "--compare", "specimen", "A", "B"], "columns of the table are temperature"),
+        (["list.csv", "--out", ".", "--force"], "no output replaces an input"),
     ],
 )
 def test_what_cannot_be_a_batch_is_refused(run, folder, words, message):

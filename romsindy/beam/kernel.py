@@ -334,7 +334,7 @@ def apply_increments(dX, X, V, a, h, A, to_acceleration):  # type: ignore[no-unt
 def warning() -> str:
     """What makes the first run slow, or every one; nothing where the compiled code is at hand."""
     if not hasattr(newton_update, "stats"):
-        return "numba is not installed: beams are simulated some 300 times as slowly"
+        return "numba cannot be imported: beams are simulated some 300 times as slowly"
     cache = Path(newton_update.stats.cache_path or ".")
     if newton_update.signatures or any(cache.glob("kernel.newton_update*.nbi")):
         return ""

@@ -308,7 +308,7 @@ def diagnose(
     asked["tolerances"] = tolerances or None
     asked["repeats"] = [d for _, d in again] if again else None
     if stored:
-        asked["tolerance"] = repeats_in(stored, tolerance or again)
+        asked["tolerance"] = _repeats_in(stored, tolerance or again)
     asked["held_out"] = tests[0][1] if tests else None
     asked["reference"] = [d for _, d in known] or None
     series = [] if simulated is None else [f"{simulated}"]
@@ -358,7 +358,7 @@ def _model(path: Path) -> Equations | Estimate:
         return estimate_of(text) or model_of(text)
 
 
-def repeats_in(files: Sequence[Path], beside: object) -> Tolerance:
+def _repeats_in(files: Sequence[Path], beside: object) -> Tolerance:
     """The tolerance that romsindy repeat wrote, alone."""
     if len(files) > 1 or beside:
         raise click.UsageError(f"--repeats {files[0]} is a tolerance: leave out any other")

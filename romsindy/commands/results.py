@@ -233,6 +233,7 @@ class Result:
         r, series, beside = self.report, self.report.series, self.report.beside
         lines = r.equations() if series is None else series.in_short()
         later = [lines.pop()] if series is not None and series.short.follows else []
+        lines = ["Interrupted: not the last word.", *lines] if r.interrupted else lines
         lines += _if_short(coefficients(r)) if r.found is not None and not r.modes else []
         lines += [] if series is None else [" ".join(series.ends())]
         findings = r.findings(alone=True)
