@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shlex
@@ -109,9 +110,16 @@ class Session:
         self.commands: list[str] = []
 
     def put(self, name: str, content: bytes) -> Path:
-        """Keep a file that was dropped, by its own name, whatever folder that names."""
-        plain = Path(name.replace("\\", "/")).name.lstrip("-.") or "record"
-        path = self.folder / plain
+        """Keep a file that was dropped, by its own name, whatever folder that names.
+
+        Another file of that name stays as it is: the new one gets a number.
+        """
+        plain = Path(Path(name.replace("\\", "/")).name.lstrip("-.") or "record")
+        names = itertools.chain(
+            [plain.name], (f"{plain.stem}_{i}{plain.suffix}" for i in itertools.count(2))
+        )
+        paths = (self.folder / own for own in names)
+        path = next(p for p in paths if not p.exists() or p.read_bytes() == content)
         path.write_bytes(content)
         return path
 
@@ -121,28 +129,31 @@ class Session:
         """What is in a record by name, or None; what the command says; its page, or None."""
         page = f"{record.stem}_inspection.html"
         words = ["inspect", record.name, *Choice(choice.columns, choice.unit).words]
-        job = self._run([*words, "--report", page, "--json", "seen.json"], {"page": page})
+        kept = f"{record.stem}_inspection.json"
+        job = self._run([*words, "--report", page, "--json", kept], {"page": page})
         job.process.wait()
         assert not job.running and job.said is not None
         if job.process.returncode:
             return None, job.said, None
-        seen = json.loads((self.folder / "seen.json").read_text(encoding="utf-8"))
+        seen = json.loads((self.folder / kept).read_text(encoding="utf-8"))
         return seen, job.said, job.files().get("page")
 
     def identify(self, record: Path, choice: Choice) -> Job:
         """Begin to identify the equation of a record."""
         page = f"{record.stem}_report.html"
         words = ["identify", record.name, *choice.words, "--report", page]
-        outputs = {"page": page, "model": "model.json", "all that was found": "found.json"}
-        return self._run([*words, "--model", "model.json", "--save", "found.json"], outputs)
+        model, found = f"{record.stem}_model.json", f"{record.stem}_found.json"
+        outputs = {"page": page, "model": model, "all that was found": found}
+        return self._run([*words, "--model", model, "--save", found], outputs)
 
     def diagnose(self, record: Path, choice: Choice, option: str, simulation: Path) -> Job:
         """Begin to compare a record with a simulation."""
         page = f"{record.stem}_diagnosis.html"
         words = ["diagnose", "--measured", record.name, option, simulation.name]
         words += [] if option == "--beam" else choice.words
-        outputs = {"page": page, "result": "diagnosis.json"}
-        return self._run([*words, "--report", page, "--json", "diagnosis.json"], outputs)
+        result = f"{record.stem}_diagnosis.json"
+        outputs = {"page": page, "result": result}
+        return self._run([*words, "--report", page, "--json", result], outputs)
 
     def _run(self, words: list[str], outputs: Mapping[str, str]) -> Job:
         self.commands.append(shlex.join(["romsindy", *words]))

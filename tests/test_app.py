@@ -45,6 +45,13 @@ def test_what_is_dropped_stays_in_the_folder(name, kept):
     assert path == session.folder / kept and path.read_bytes() == b"x"
 
 
+def test_a_second_file_of_one_name_replaces_nothing():
+    session = Session()
+    first, second, again = (session.put("a.csv", x) for x in (b"x", b"y", b"y"))
+    assert (first.name, second.name, again.name) == ("a.csv", "a_2.csv", "a_2.csv")
+    assert first.read_bytes() == b"x" and second.read_bytes() == b"y"
+
+
 def test_a_file_is_looked_at_by_the_command():
     session = Session()
     seen, said, page = session.inspect(session.put("a.csv", record()), Choice())
