@@ -11,7 +11,7 @@ from romsindy.commands.main import main
 
 FILES = ["decay.csv", "run1.csv", "run2.csv", "model.json", "sim.csv"]
 FILES += ["test.csv", "held_out.csv", "shaker.csv", "shaker.json", "stepped.csv"]
-FILES += ["beam.toml", "beam_test.csv"]
+BEAM_FILES = ["beam.toml", "beam_test.csv"]
 
 
 @pytest.fixture(scope="module")
@@ -23,14 +23,18 @@ def written(tmp_path_factory):
     return folder, result.output
 
 
-def test_every_file_is_written_and_told(written):
-    folder, printed = written
-    assert sorted(p.name for p in folder.iterdir()) == sorted(FILES)
-    for name in FILES:
+def assert_told(folder, printed, files):
+    """Every file is there and in the list, and what comes next uses no other."""
+    assert sorted(p.name for p in folder.iterdir()) == sorted(files)
+    for name in files:
         assert printed.count(f"{name} ") >= 1
     assert f"cd '{folder}'" in printed  # to be pasted, with its space
     used = {word for line in printed.partition("Next:")[2].splitlines() for word in line.split()}
-    assert {w for w in used if "." in w and "/" not in w} <= {*FILES}
+    assert {w for w in used if "." in w and "/" not in w} <= {*files}
+
+
+def test_every_file_is_written_and_told(written):
+    assert_told(*written, FILES)
 
 
 def test_records_are_those_of_the_equations(written):
@@ -64,8 +68,10 @@ def test_what_is_hidden_is_named(written):
     assert abs(drag.values["strength"] - example_module.DRAG) < 4 * error
 
 
-def test_the_beam_and_its_sensors_belong_together(written):
-    folder, _ = written
+def test_the_beam_and_its_sensors_belong_together(tmp_path):
+    folder = tmp_path / "a beam"
+    result = CliRunner().invoke(main, ["example", str(folder), "--beam"])
+    assert_told(folder, result.output, BEAM_FILES)
     beam, sensors, columns = load_beam(folder / "beam.toml")
     measured = load_decay(folder / "beam_test.csv", column=columns)
     assert measured.q.shape[1] == len(sensors.sensors)

@@ -136,7 +136,7 @@ def _text(text: str) -> Writer:
     return lambda path: path.write_text(text, encoding="utf-8")
 
 
-# Name, content and writer; beam.toml comes before the decay that is made with it.
+# Name, content and writer.
 _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("decay.csv", "free decay of a thin strip: time in s, displacement in m", _decay(STRIP, 80, 0)),
     ("run1.csv", "the same strip, released from 70 mm", _decay(STRIP, 70, 1)),
@@ -148,6 +148,9 @@ _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("shaker.csv", "another structure on a shaker: its displacement, and the force", _shaker),
     ("shaker.json", "simulation of it: an equation that lacks an effect", _text(_SHAKER_MODEL)),
     ("stepped.csv", "a beam on a shaker, by steps of a sine at three levels", _stepped),
+)
+# The decay of a beam takes longer than all of those; beam.toml comes first, which it is made with.
+_BEAM_FILES: tuple[tuple[str, str, Writer], ...] = (
     ("beam.toml", "simulation of a beam, and its three sensors", _text(_BEAM)),
     ("beam_test.csv", "that beam measured: the simulation lacks an effect", _beam_decay),
 )
@@ -158,31 +161,33 @@ _NEXT = (
     "romsindy identify shaker.csv --input force --select",
     "romsindy steady stepped.csv",
     "romsindy diagnose --measured test.csv --held-out held_out.csv --model model.json",
-    "romsindy diagnose --measured beam_test.csv --beam beam.toml",
     "romsindy diagnose --measured shaker.csv --input force --model shaker.json",
 )
+_BEAM_NEXT = ("romsindy diagnose --measured beam_test.csv --beam beam.toml",)
 
 
 @click.command()
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), metavar="DIR")
+@click.option("--beam", is_flag=True, help="Write a beam and its decay instead, in some 10 s more.")
 @click.option("--force", is_flag=True, help="Overwrite files of these names.")
-def example(folder: Path, force: bool) -> None:
+def example(folder: Path, beam: bool, force: bool) -> None:
     """Write the files that README and docs use to DIR.
 
     Records are simulated on the spot and have 40 dB of noise: they show how romsindy is used, not
     how good it is. What two of the simulations lack is drag in air. Prints which file is what, and
     which commands come next.
     """
-    there = [name for name, *_ in _FILES if (folder / name).exists()]
+    files, following = (_BEAM_FILES, _BEAM_NEXT) if beam else (_FILES, _NEXT)
+    there = [name for name, *_ in files if (folder / name).exists()]
     if there and not force:
         raise click.UsageError(
             f"{folder} already has {', '.join(there)}: name another folder, or overwrite with"
             " --force"
         )
     folder.mkdir(parents=True, exist_ok=True)
-    for name, what, write in _FILES:
+    for name, what, write in files:
         with whole(folder / name) as new:
             write(new)
         click.echo(f"{name:<14} {what}")
     inside = shlex.quote(str(folder))
-    click.echo("\n".join(["\nNext:", f"  cd {inside}", *(f"  {line}" for line in _NEXT)]))
+    click.echo("\n".join(["\nNext:", f"  cd {inside}", *(f"  {line}" for line in following)]))
