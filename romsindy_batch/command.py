@@ -19,6 +19,7 @@ from romsindy.commands.options import (
     READING,
     fix_option,
     interactive_option,
+    jobs_option,
     reading_options,
 )
 from romsindy.commands.outputs import WritingCommand, claim_folder, told, writing
@@ -52,7 +53,7 @@ _HEADINGS = {
     help="Folder for the page, the table and what was found of each record.",
 )
 @click.option("--pages", is_flag=True, help="Write a page for each record, too: some MB each.")
-@click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
+@jobs_option
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of a dask cluster that sees the files.")
 @reading_options
 @mode_options

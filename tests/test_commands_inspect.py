@@ -138,6 +138,30 @@ def test_many_files_one_table_one_page(run, tmp_path):
     assert (tmp_path / "run1_report.html").is_file() and (tmp_path / "run2_report.html").is_file()
 
 
+def test_two_processes_say_and_write_the_same(run, tmp_path):
+    """A file that cannot be read and a page that cannot be written are told as by one process."""
+    for i in (1, 2):
+        write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
+    (tmp_path / "broken.csv").write_text("")
+    (tmp_path / "run2_regression.html").symlink_to("/dev/full")
+    results, pages = [], []
+    for jobs in (1, 2):
+        results.append(run("regress", "run1.csv", "broken.csv", "run2.csv", "--jobs", jobs))
+        pages.append((tmp_path / "run1_regression.html").read_text(encoding="utf-8"))
+        (tmp_path / "run1_regression.html").unlink()
+    one, two = results
+    assert one.exit_code == two.exit_code == 2
+    assert one.stdout == two.stdout and "broken.csv: the file is empty" in two.stdout
+    assert pages[0] == pages[1]
+    for result in results:
+        assert "run2_regression.html was not written: No space left on device" in result.stderr
+
+
+def test_no_processes_are_refused(run):
+    refused = run("regress", "run1.csv", "--jobs", 0)
+    assert refused.exit_code == 2 and "0 must be a number of processes" in refused.stderr
+
+
 @pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
     """Of the file that was being identified the regressions, and the files before it."""

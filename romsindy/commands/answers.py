@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, fields
 from functools import partial
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import click
+from joblib import Parallel, delayed
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import full_option, grouped, interactive_option
@@ -17,7 +21,9 @@ from romsindy.commands.outputs import (
     JSON,
     PAGE,
     Output,
+    apart,
     default_page,
+    lose,
     stopped,
     told,
     write_json,
@@ -63,6 +69,7 @@ class Telling:
     interactive: bool
     json_file: Path | None
     model: Path | None
+    jobs: int = 1
     figure: Path | None = None
     save: Path | None = None
 
@@ -107,7 +114,7 @@ class Telling:
         alone = f"{command} this file by itself, with a --report of its own"
         pages = [default_page(name, alone) for name in _page_names(files, ending)]
         jobs = {str(f): partial(job, f, page) for f, page in zip(files, pages, strict=True)}
-        results, interrupted = _all_of(jobs)
+        results, interrupted = _all_of(jobs, self.jobs)
         return results, interrupted, partial(self._tell_all, results, overview)
 
     def _say(self, lines: Sequence[str]) -> None:
@@ -156,22 +163,48 @@ class Telling:
         self._say([aligned(rows), "", *refused, sentence, told("Overview", overview)])
 
 
-def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refused], bool]:
+def _all_of(
+    jobs: Mapping[str, Callable[[], Result]], processes: int
+) -> tuple[list[Result | Refused], bool]:
     """Results of all files, and whether they were interrupted: what is done is kept."""
+    done = starmap(_one, jobs.items()) if processes == 1 else _side_by_side(jobs, processes)
     results: list[Result | Refused] = []
-    for file, job in bar(jobs.items(), "files"):
-        try:
-            result = job()
-        except (ValueError, OSError, RuntimeError) as error:
-            results.append(Refused(file, as_options(str(error))))
-        except KeyboardInterrupt as error:
-            results.append(Refused(file, f"{file}: interrupted {error}"))
-            return results, True
-        else:
+    try:
+        for result in bar(done, "files", len(jobs)):
             results.append(result)
-            if result.report.interrupted or stopped():
+            if stopped() or (isinstance(result, Result) and result.report.interrupted):
                 return results, True
+    except KeyboardInterrupt as error:
+        file = [*jobs][len(results)]
+        results.append(Refused(file, f"{file}: interrupted {error}"))
+        return results, True
     return results, False
+
+
+def _one(file: str, job: Callable[[], Result]) -> Result | Refused:
+    try:
+        return job()
+    except (ValueError, OSError, RuntimeError) as error:
+        return Refused(file, as_options(str(error)))
+
+
+def _side_by_side(
+    jobs: Mapping[str, Callable[[], Result]], processes: int
+) -> Iterator[Result | Refused]:
+    """Results in the order of the files, by so many processes."""
+    command = str(click.get_current_context().info_name)
+    tasks = (delayed(_apart)(command, file, job) for file, job in jobs.items())
+    for result, lost in Parallel(processes, return_as="generator")(tasks):
+        lose(lost)
+        yield result
+
+
+def _apart(
+    command: str, file: str, job: Callable[[], Result]
+) -> tuple[Result | Refused, dict[Path, str]]:
+    """What comes of a file in another process, without bars, and which files were not written."""
+    with apart(command) as lost, redirect_stderr(io.StringIO()):
+        return _one(file, job), lost
 
 
 def _page_names(files: Sequence[Path], ending: str) -> list[str]:

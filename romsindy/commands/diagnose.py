@@ -25,6 +25,7 @@ from romsindy.commands.options import (
     full_option,
     input_options,
     interactive_option,
+    jobs_option,
     model_of,
     reading_options,
     text_of,
@@ -219,7 +220,7 @@ _HEADINGS = {
     help="End with 0 for none, 10 named, 11 ambiguous, 12 unknown; without it with 0 for all.",
 )
 @full_option
-@click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
+@jobs_option
 @click.option("--budget", type=float, help="For how long candidates are tried, s.")
 @click.option("--report", type=Output(PAGE), help="Name of the HTML report.")
 @interactive_option

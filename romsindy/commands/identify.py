@@ -23,6 +23,7 @@ from romsindy.commands.options import (
     fix_option,
     grouped,
     input_options,
+    jobs_option,
     reading_options,
     refuse_beside,
 )
@@ -216,7 +217,7 @@ _HEADINGS = {
     "Reading": f"{READING} --example",
     "What is looked for": "--mode --band --release --coordinates --fix --curvature --seed",
     "Measured inputs": f"{INPUTS} --select --order --damping --held-out",
-    "Output": "--full --report --interactive --json --model --save --figure --force",
+    "Output": "--jobs --full --report --interactive --json --model --save --figure --force",
 }
 
 
@@ -246,6 +247,7 @@ _HEADINGS = {
     help="How far the sensor may be off a straight line at the largest amplitude, as a part of it"
     " (one standard deviation); 0 of one that is straight.",
 )
+@jobs_option
 @answer_options
 @FIGURE
 @SAVE

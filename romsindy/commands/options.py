@@ -30,6 +30,21 @@ INPUTS = "--input --input-column --unit-input --interpolation"
 full_option = click.option(
     "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
 )
+
+
+def _processes(_: click.Context, __: click.Parameter, value: int) -> int:
+    if not value:
+        raise click.BadParameter("0 must be a number of processes; -1 uses all cores")
+    return value
+
+
+jobs_option = click.option(
+    "--jobs",
+    default=1,
+    show_default=True,
+    callback=_processes,
+    help="Processes, each of which does one at a time; -1 uses all cores.",
+)
 # Options that choose a part of a free decay, and what to do without them.
 PARTS = dict.fromkeys(
     ("mode", "band", "release"), "the whole record is taken; cut it with --start and --end"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -194,6 +194,18 @@ def writing(path: Path) -> Iterator[None]:
         ctx.meta[_STOPPED] = isinstance(error, KeyboardInterrupt)
         before = "; the file of that name is as it was" if path.exists() else ""
         ctx.meta[_LOST][path] = f"{why or error}{before}"
+
+
+@contextmanager
+def apart(command: str) -> Iterator[dict[Path, str]]:
+    """A command in another process, which writes files too; what is lost of them, and why."""
+    with click.Context(click.Command(command), info_name=command) as ctx:
+        yield ctx.meta.setdefault(_LOST, {})
+
+
+def lose(files: Mapping[Path, str]) -> None:
+    """Tell in the end of files that could not be written elsewhere."""
+    click.get_current_context().meta[_LOST].update(files)
 
 
 def stopped() -> bool:

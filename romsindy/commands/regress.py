@@ -12,7 +12,14 @@ import click
 from romsindy.commands.analysis import USUAL, Recipe, regressed
 from romsindy.commands.answers import FIGURE, Telling, answer_options
 from romsindy.commands.measurement import Selection, mode_options, of_one_mode
-from romsindy.commands.options import FILE, READING, damping_option, fix_option, reading_options
+from romsindy.commands.options import (
+    FILE,
+    READING,
+    damping_option,
+    fix_option,
+    jobs_option,
+    reading_options,
+)
 from romsindy.commands.outputs import WritingCommand
 
 
@@ -36,7 +43,7 @@ _HEADINGS = {
     "Reading": f"{READING} --example",
     "What is looked for": "--mode --band --release --amplitude --fix --seed",
     "The regression": "--weighted --plain --order --damping --harmonics --cutoff",
-    "Output": "--full --report --interactive --json --model --figure --force",
+    "Output": "--jobs --full --report --interactive --json --model --figure --force",
 }
 
 
@@ -72,6 +79,7 @@ _HEADINGS = {
     type=float,
     help="Cut-off of the low-pass before, Hz.  [default: ten times the fundamental]",
 )
+@jobs_option
 @answer_options
 @FIGURE
 def regress(
