@@ -346,6 +346,8 @@ def test_report_files(tmp_path):
     result.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert page.count("data:image/png;base64") == 6 and result.sentence[:40] in page
+    in_notebook = result._repr_html_()
+    assert "<math" in in_notebook and all(row[0] in in_notebook for row in result.table())
     assert json.loads(result.to_json())["effects"][0]["name"] == "quadratic_drag"
     lost = replace(result, remainder=replace(result.remainder, structure=np.inf))
     content = json.loads(lost.to_json(), parse_constant=pytest.fail)  # strict JSON

@@ -33,9 +33,9 @@ def test_texts_beside_images_say_what_is_seen(tmp_path):
 
 def test_equations_are_mathml_in_parts(tmp_path):
     """One element for each term, between which a line may end; well-formed, every number there."""
-    parts = EXAMPLE_MODEL.latex_terms()
+    (parts,) = EXAMPLE_MODEL.formulas()
     assert "".join(parts) == EXAMPLE_MODEL.latex()
-    page = page_of(tmp_path, tables=[], equation="text", equation_title="E", formula=parts)
+    page = page_of(tmp_path, tables=[], equation="text", equation_title="E", formulas=[parts])
     elements = re.findall(r"<math.*?</math>", page, re.S)
     assert len(elements) == len(parts) == len(EXAMPLE_MODEL.terms) + 2
     texts = ["".join(ElementTree.fromstring(e).itertext()) for e in elements]

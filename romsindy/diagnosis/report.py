@@ -226,6 +226,7 @@ def page_of(report: Any, equation_title: str, records: Sequence[Prepared]) -> di
         "sentence": report.sentence,
         "equation_title": equation_title,
         "equation": str(report.model),
+        "formulas": report.model.formulas(),
         "tables": [
             TextTable("The gap, before and after", report.gap.table()),
             *([TextTable(found, rows)] if rows[1:] else []),
@@ -432,9 +433,6 @@ class DiagnosisReport(BesideDecays, Explained):
         from romsindy.diagnosis.pictures import pictures
 
         return {p.name: p for p in pictures(self.nominal, self.added, self.records, self.gap)}
-
-    def page(self) -> dict[str, Any]:
-        return {**super().page(), "formula": self.model.latex_terms()}
 
 
 def in_json(advice: Advice | MoreOfIt) -> dict[str, Any]:

@@ -292,9 +292,6 @@ class ForcedReport(ResidualReport):
             return None
         return most_apart(self.nominal, self.rivals[:2], self.records)
 
-    def page(self) -> dict[str, Any]:
-        return {**super().page(), "formula": self.model.latex_terms()}
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CoupledDiagnosis(ResidualReport):

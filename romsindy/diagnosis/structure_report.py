@@ -138,7 +138,7 @@ class StructureReport(Written):
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "formula": [],
+            "formulas": [],
             "equation": self.recipe,
             "equation_note": "",
             "tables": [gap, TextTable("Sensors", self.sensor_table()), *explanations],

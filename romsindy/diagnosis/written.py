@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from romsindy.diagnosis.found import FoundEffect
+from romsindy.notebook import shown
 from romsindy.physics.term_sum import json_text
 from romsindy.record.files.save import whole
 
@@ -88,6 +89,10 @@ class Written(ABC):
 
     def __str__(self) -> str:
         return self.sentence
+
+    def _repr_html_(self) -> str:
+        page = self.page()
+        return shown(page["formulas"], page["tables"], [f"{self.verdict}: {self.sentence}"])
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"

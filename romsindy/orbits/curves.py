@@ -10,11 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from numbers import Real
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, ClassVar, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from romsindy.notebook import Framed
 from romsindy.orbits.continuation import ContinuationError, Steps
 from romsindy.orbits.families import (
     LADDER,
@@ -47,7 +48,7 @@ _AS_LARGE = 1.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicOrbits:
+class PeriodicOrbits(Framed):
     """Periodic orbits along a branch, in the order of walking.
 
     Of a `ReducedModel`, the axis R of the coordinates is left out.
@@ -76,6 +77,8 @@ class PeriodicOrbits:
     folds: Indices
     stop_reason: str
     unit: str | None
+
+    _columns: ClassVar[tuple[str, ...]] = ("frequency", "amplitude", "residual")
 
     def __len__(self) -> int:
         return len(self.frequency)
@@ -126,6 +129,8 @@ class BackboneCurve(PeriodicOrbits):
     model: Equations
     conservative: bool
     crossings: Indices
+
+    _columns = (*PeriodicOrbits._columns, "negative_damping", "stable")
 
     @property
     def series(self) -> Array:
@@ -191,6 +196,8 @@ class ForcedResponse(PeriodicOrbits):
     bifurcations: tuple[Bifurcation, ...]
     limit: float | None = None
     untraced: str = ""
+
+    _columns = (*PeriodicOrbits._columns, "stable")
 
     @property
     def beyond(self) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
+from romsindy.notebook import shown
 from romsindy.physics import export
 from romsindy.physics.coupling import Along, CoupledTerm, Names
 from romsindy.physics.input import Excitation, Forcing, Input, input_in
@@ -25,6 +26,7 @@ from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Quantity, checked_time
+from romsindy.text import TextTable
 from romsindy.typing import Array
 
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
@@ -339,6 +341,19 @@ class Equations(TermSum, ABC):
         if latex:
             return Names(f"q{n}", rf"\dot{{{{q}}}}{n}", rf"\ddot{{{{q}}}}{n}")
         return Names(f"q{n}", f"q{n}_dot", f"q{n}_ddot")
+
+    def formulas(self, precision: int = 4) -> list[list[str]]:
+        """Each equation in LaTeX, as parts between which a line may end."""
+        return self._parts_of_text(precision, " = ", latex=True)
+
+    def _repr_latex_(self) -> str:
+        return f"$$\\begin{{aligned}}\n{self.latex()}\n\\end{{aligned}}$$"
+
+    def _repr_html_(self) -> str:
+        pairs = zip(self.terms, self.values, strict=True)
+        rows = [[t.key, f"{value:.6g}", t.unit(self.unit)] for t, value in pairs]
+        table = TextTable("", [["coefficient", "value", "unit"], *rows])
+        return shown(self.formulas(), [table], [f"q in {self.unit or 'its own unit'}, t in s"])
 
     def __str__(self) -> str:
         lines = self.equations()

@@ -424,10 +424,6 @@ class ReducedModel(Equations):
 
     # -- text ---------------------------------------------------------------------------------
 
-    def latex_terms(self, precision: int = 4) -> list[str]:
-        """The parts of `latex`, between which a line may end."""
-        return self._parts_of_text(precision, " = ", latex=True)[0]
-
     def _notes(self) -> dict[str, str]:
         squared = self.coefficients.get("omega^2", 0.0)
         if not squared > 0:

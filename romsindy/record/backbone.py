@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from romsindy.notebook import Framed
 from romsindy.record.decay import Decay
 from romsindy.record.events import (
     CROSSING,
@@ -38,7 +39,7 @@ CERTAIN = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Backbone:
+class Backbone(Framed):
     """Amplitude, frequency and damping of the cycles of a decay, in the order of time.
 
     Attributes
@@ -71,6 +72,11 @@ class Backbone:
     frequency_std: Array
     damping_ratio_std: Array
     unit: str | None = None
+
+    _columns = (
+        *("t", "amplitude", "frequency", "damping_ratio", "positive_peak", "negative_peak"),
+        *("amplitude_std", "frequency_std", "damping_ratio_std"),
+    )
 
     def __len__(self) -> int:
         return len(self.t)

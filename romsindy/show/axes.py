@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from romsindy.record.backbone import Backbone
 from romsindy.typing import Array
 
 _DASHES = ("-", "--", "-.", ":")
@@ -73,3 +74,18 @@ def tell(curve: Artist, *facts: Fact) -> None:
 def told(curve: Artist) -> tuple[Fact, ...]:
     """What was said of a curve, or nothing."""
     return _TOLD.get(curve, ())
+
+
+def of_cycles(b: Backbone, decay: int | None = None) -> list[Fact]:
+    """Number, time, amplitude, frequency and damping ratio of every cycle of a decay.
+
+    The decay has a number itself where there are several.
+    """
+    return [
+        *([] if decay is None else [Fact("decay", np.full(len(b), float(decay)))]),
+        Fact("cycle", np.arange(1.0, len(b) + 1)),
+        Fact("time (s)", b.t),
+        Fact(with_unit("amplitude", b.unit), b.amplitude, b.amplitude_std),
+        Fact("frequency (Hz)", b.frequency / (2 * np.pi), b.frequency_std / (2 * np.pi)),
+        Fact("damping ratio (%)", 100 * b.damping_ratio, 100 * b.damping_ratio_std, 4),
+    ]

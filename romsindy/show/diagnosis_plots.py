@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
 from romsindy.record.noise import Noise
-from romsindy.show.axes import Fact, log_ratio, tell, with_unit
+from romsindy.show.axes import Fact, log_ratio, of_cycles, tell, with_unit
 from romsindy.show.compared import COLORS, Compared, draw_over_time, draw_spectra, spectrum_of
-from romsindy.show.cycles import of_cycles
 from romsindy.typing import Array
 
 BEFORE, AFTER = COLORS

@@ -12,24 +12,22 @@ from typing import IO, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
-from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from romsindy import __version__
+from romsindy.notebook import mathml
 from romsindy.record.backbone import Backbone
 from romsindy.record.files.save import whole, write_whole
-from romsindy.show.axes import tell, with_unit
-from romsindy.show.cycles import of_cycles
+from romsindy.show.axes import of_cycles, tell, with_unit
 from romsindy.show.interactive import curves, script
 from romsindy.text import TextTable, columns_of_numbers
 
 _DPI = 130
 _MAKERS = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # entries of such files
 _PLAIN = str.maketrans("", "", "${}\\")  # formulas in texts that are read aloud
-_NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
 # How the banner of a verdict looks; what has none is told without a colour.
 _TONES = {
     "none": "good",
@@ -103,11 +101,6 @@ def _seen(ax: Axes) -> str:
     return f"{ax.get_title()} {ax.get_ylabel()}{over}{curves}".translate(_PLAIN).strip()
 
 
-def _mathml(latex: str) -> Markup:
-    """A part of an equation; in HTML no name space is named, and a sign leans on what is before."""
-    return Markup(convert(f"{{}}{latex}").replace(_NAMESPACE, ""))
-
-
 def write_page(
     path: str | Path,
     template: str,
@@ -122,8 +115,8 @@ def write_page(
     The ``template`` is "report" for an inspection, an identification or a diagnosis, or "study";
     the head names the ``command`` that makes such pages as the generator. Pictures are drawn one
     after the other, the template's ``figures``, and with ``interactive`` zoom and show what is
-    under the pointer. ``content`` is what else the template names; ``formula`` is LaTeX in parts,
-    between which lines may end.
+    under the pointer. ``content`` is what else the template names; ``formulas`` are equations
+    in LaTeX, in parts between which lines may end.
 
     Raises a ValueError if the page is to be interactive and plotly is not installed.
     """
@@ -132,7 +125,7 @@ def write_page(
         loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
     )
     environment.filters["columns_of_numbers"] = columns_of_numbers
-    environment.filters["mathml"] = _mathml
+    environment.filters["mathml"] = lambda latex: Markup(mathml(latex))
     environment.filters["tone"] = lambda verdict: _TONES.get(verdict, "")
     figures = [vars(p) | vars(p.image(p.figure(), interactive)) for p in pictures]
     text = environment.get_template(f"{template}.html.j2").render(

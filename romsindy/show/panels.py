@@ -381,13 +381,14 @@ def _equation(result: Identified) -> dict[str, Any]:
     found, beside = result.found, result.beside
     if found is None:
         main = beside and beside.main.model
-        return {"equation": str(main), "formula": main.latex_terms() if main else ()}
-    words: dict[str, Any] = {"equation": "\n".join(result.equations())}
-    if not result.model.numbered:
-        words["formula"] = found.single_model.latex_terms()
+        return {"equation": str(main), "formulas": main.formulas() if main else ()}
+    words: dict[str, Any] = {
+        "equation": "\n".join(result.equations()),
+        "formulas": result.model.formulas(),
+    }
     if result.series is not None:
         s = result.series
-        words["formula"] = s.short.model.latex_terms()
+        words["formulas"] = s.short.model.formulas()
         words["equation"] = "\n".join(s.opening()[:2])  # the short one is the formula
         words["equation_note"] = " ".join([f"Of the short equation: {s.off()}.", *result.remarks()])
     return words | {"verdict": found.verdict.answer}

@@ -21,8 +21,7 @@ from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.projection import HarmonicRows
-from romsindy.show.axes import Fact, given_or_new, log_ratio, look, tell, with_unit
-from romsindy.show.cycles import of_cycles
+from romsindy.show.axes import Fact, given_or_new, log_ratio, look, of_cycles, tell, with_unit
 from romsindy.text import listed
 from romsindy.typing import Array
 

@@ -24,6 +24,7 @@ from romsindy.fit.results.curve import (
 )
 from romsindy.fit.results.estimate import Band, Estimate
 from romsindy.fit.verdict import NEAR_ZERO
+from romsindy.notebook import shown
 from romsindy.orbits.curves import require_mode
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -162,6 +163,10 @@ class Identification(Estimate):
             raise ValueError(f"name = {name!r} is no coefficient: there are {', '.join(names)}")
         low, high = np.percentile(self.samples[:, names.index(name)], _INSIDE)
         return float(low), float(high)
+
+    def _repr_html_(self) -> str:
+        sentences = [f"Of the equation: {self.off()}.", *self.ends(), *self.conclusions()]
+        return shown(self.short.model.formulas(), [self.coefficients()], sentences)
 
     def __repr__(self) -> str:
         return f"<Identification: {self.structure}, adequacy {self.adequacy:.3f}>"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from romsindy.notebook import Framed
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
@@ -18,7 +19,7 @@ Function = Callable[[Equations, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Framed):
     """A function of q as the model has it, with the 95 % band of all that may be true; (n,) each.
 
     The band holds pointwise.
@@ -28,6 +29,8 @@ class Curve:
     value: Array
     low: Array
     high: Array
+
+    _columns = ("q", "value", "low", "high")
 
 
 def inertia_of(coordinate: int) -> Function:

@@ -26,6 +26,7 @@ from romsindy.fit.results.curve import (
 )
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.results.predict import Forecast, Sensors, foretold, predicted
+from romsindy.notebook import Framed, shown
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import model_from_json
@@ -37,7 +38,7 @@ from romsindy.physics.validation import text as entry
 from romsindy.record.decay import Decay
 from romsindy.record.files.save import write_whole
 from romsindy.record.forced import ForcedVibration
-from romsindy.text import with_error
+from romsindy.text import TextTable, with_error
 from romsindy.typing import Array
 
 E = TypeVar("E", bound="Estimate")
@@ -352,6 +353,10 @@ class Estimate:
         """The notes, as sentences."""
         return [f"Note: {note.rstrip('.')}." for note in self.notes]
 
+    def _repr_html_(self) -> str:
+        sentences = [str(self.verdict), *self.remarks()]
+        return shown(self.model.formulas(), [TextTable("", self.table())], sentences)
+
     def __repr__(self) -> str:
         return f"<Estimate: {len(self.free)} coefficients, adequacy {self.adequacy:.3f}>"
 
@@ -427,7 +432,7 @@ def _verdict(content: Any) -> Adequacy:
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class Band(Framed):
     """Backbone and damping ratio of a model, with standard errors.
 
     Attributes
@@ -447,6 +452,8 @@ class Band:
     frequency_std: Array
     damping_ratio_std: Array
     unit: str | None
+
+    _columns = ("amplitude", "frequency", "damping_ratio", "frequency_std", "damping_ratio_std")
 
 
 def curves_near(model: Equations, amplitudes: Array, mode: int) -> Callable[[Any], Array]:

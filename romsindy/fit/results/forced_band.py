@@ -21,6 +21,7 @@ from scipy.linalg import block_diag
 
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import DRAWS, GROWS, grown, normal_draws
+from romsindy.notebook import Framed
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
@@ -50,7 +51,7 @@ class Predicted(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ForcedBand:
+class ForcedBand(Framed):
     """Amplitude against frequency under a harmonic force, with what a measured point may scatter.
 
     Amplitudes are those of the first harmonic of the measured quantity: of q, q_dot or q_ddot.
@@ -79,6 +80,8 @@ class ForcedBand:
     _curve: Array  # (3, n): frequencies, amplitudes, and those of q itself along the response
     _drawn: Array  # (2, n_draws, n): the same, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
+
+    _columns = ("frequency", "amplitude", "low", "high")
 
     def at(self, frequency: ArrayLike, branch: Literal["upper", "lower"] = "upper") -> Predicted:
         """Amplitude and 95 % band at some frequencies.
