@@ -12,6 +12,7 @@ def _():
 
     import marimo as mo
 
+    from romsindy_app.picking import draw, picked
     from romsindy_app.session import SIMULATIONS, Choice, Session
 
     session = Session()
@@ -22,7 +23,7 @@ def _():
         look = "white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8rem; margin: 0"
         return mo.callout(mo.Html(f'<pre style="{look}">{escape(text)}</pre>'), kind=kind)
 
-    return Choice, Path, SIMULATIONS, get_job, mo, session, set_job, words
+    return Choice, Path, SIMULATIONS, draw, get_job, mo, picked, session, set_job, words
 
 
 @app.cell
@@ -60,17 +61,21 @@ def _(Path, drop, mo, session):
 @app.cell
 def _(mo, record):
     unit = mo.ui.text(label="Unit, where the file does not say it", placeholder="mm, m/s, g, deg")
-    columns = mo.ui.text(label="Columns, where not all are meant", placeholder="tip, middle")
-    mo.accordion(
-        {f"Reading of {record.name}": mo.hstack([unit, columns], justify="start", wrap=True)}
-    )
-    return columns, unit
+    mo.accordion({f"Reading of {record.name}": unit})
+    return (unit,)
+
+
+@app.cell
+def _(mo, record, session, unit):
+    _names = session.channels(record, unit.value.strip())
+    columns = mo.ui.multiselect(_names, label="Channels, where not all are meant")
+    columns if len(_names) > 1 else None
+    return (columns,)
 
 
 @app.cell
 def _(Choice, columns, mo, record, session, unit):
-    _columns = tuple(filter(None, map(str.strip, columns.value.split(","))))
-    reading = Choice(_columns, unit.value.strip())
+    reading = Choice(tuple(columns.value), unit.value.strip())
     with mo.status.spinner(title=f"Looking at {record.name}"):
         seen, said, look = session.inspect(record, reading)
     return look, reading, said, seen
@@ -87,8 +92,16 @@ def _(look, mo, said, seen, words):
 
 
 @app.cell
-def _(mo, seen):
+def _(draw, mo, seen):
     mo.stop(seen is None or not seen["modes"])
+    box = mo.ui.matplotlib(draw(seen), debounce=True)
+    mo.vstack([mo.md("Draw a box around the dots of the vibration that is meant, or choose it below."), box])
+    return (box,)
+
+
+@app.cell
+def _(box, mo, picked, seen):
+    _mode, _release = picked(seen, box.value.get_mask) if box.value else (None, None)
     _modes = {"the one that moves most": None}
     for _m in seen["modes"]:
         _ends = " to ".join(f"{_m['frequency'][end]:.5g}" for end in ("loud", "quiet"))
@@ -96,8 +109,9 @@ def _(mo, seen):
     _releases = {"all": None}
     for _i, _r in enumerate(seen["releases"], 1):
         _releases[f"{_i}: {_r['start']:.4g} to {_r['end']:.4g} s"] = _i
-    mode = mo.ui.dropdown(_modes, value="the one that moves most", label="Mode")
-    release = mo.ui.dropdown(_releases, value="all", label="Release")
+    _names = [{number: name for name, number in x.items()} for x in (_modes, _releases)]
+    mode = mo.ui.dropdown(_modes, value=_names[0][_mode], label="Mode")
+    release = mo.ui.dropdown(_releases, value=_names[1][_release], label="Release")
     identify = mo.ui.run_button(label="Identify", kind="success")
     mo.hstack([mode, release, identify], justify="start", align="end", wrap=True)
     return identify, mode, release

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
+from romsindy.record.files import load_recording
 
 _FILES = ("Report: ", "Model: ", "Saved: ")  # lines on what a command wrote, which is shown
 # What a simulation is, by the option that names it.
@@ -122,6 +123,13 @@ class Session:
         path = next(p for p in paths if not p.exists() or p.read_bytes() == content)
         path.write_bytes(content)
         return path
+
+    def channels(self, record: Path, unit: str) -> tuple[str, ...]:
+        """Names of its channels; none where it cannot be read: `inspect` says why."""
+        try:
+            return tuple(load_recording(record, unit=unit or None).names)
+        except ValueError:
+            return ()
 
     def inspect(
         self, record: Path, choice: Choice

@@ -16,6 +16,7 @@ from click.testing import CliRunner
 from romsindy import Identification
 from romsindy.commands.main import main
 from romsindy_app import command
+from romsindy_app.picking import draw, picked
 from romsindy_app.session import Choice, Session
 
 PATIENCE = 240  # s, on a machine that does other things
@@ -60,6 +61,61 @@ def test_a_file_is_looked_at_by_the_command():
     none, why, page = session.inspect(session.put("b.csv", b"hello\n"), Choice(unit="mm"))
     assert none is None and page is None and "b.csv" in why
     assert session.commands[1].startswith("romsindy inspect b.csv --unit mm")
+
+
+TWO_MODES = {
+    "start": 0.0,
+    "end": 10.0,
+    "releases": [{"start": 0.0, "end": 5.0}, {"start": 5.0, "end": 10.0}],
+    "modes": [
+        {
+            "number": number,
+            "along": [
+                {
+                    "release": r,
+                    "t": [5 * r - 4, 5 * r - 2],
+                    "frequency": [f, f],
+                    "amplitude": [2, 1],
+                }
+                for r in (1, 2)
+            ],
+        }
+        for number, f in ((1, 8.0), (2, 30.0))
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("box", "meant"),
+    [
+        ((0, 4, 20, 40), (2, 1)),  # times, then frequencies
+        ((4, 10, 0, 10), (1, 2)),
+        ((0, 10, 20, 40), (2, None)),
+        ((0, 10, 10, 20), (None, None)),
+        ((0, 4, 0, 40), (1, 1)),
+        ((2, 10, 8, 30), (1, None)),
+    ],
+)
+def test_what_a_box_holds_is_meant(box, meant):
+    """Most points decide on the mode, the first of equals; one release, or all that are touched."""
+    t0, t1, f0, f1 = box
+    assert picked(TWO_MODES, lambda t, f: (t >= t0) & (t <= t1) & (f >= f0) & (f <= f1)) == meant
+
+
+def test_what_can_be_picked_is_drawn_within_its_axes():
+    ax = draw(TWO_MODES)
+    for dots in ax.collections:
+        x, y = dots.get_offsets().T
+        low, high = ax.get_ylim()
+        assert np.all((x >= 0) & (x <= 10) & (y > low) & (y < high))
+    assert len(ax.collections) == 4 and len(ax.lines) == 1  # one more release begins
+
+
+def test_channels_are_named_where_the_file_can_be_read():
+    session = Session()
+    table = b"t [s],tip [mm],base [mm]\n" + b"".join(b"%d,%d,%d\n" % (i, i % 5, i % 7) for i in range(99))
+    assert session.channels(session.put("a.csv", table), "") == ("tip", "base")
+    assert session.channels(session.put("b.csv", b"hello\n"), "") == ()
 
 
 def ended(job):
@@ -129,8 +185,8 @@ return found;
 class Page:
     """A page in a browser, and how often it was clicked."""
 
-    def __init__(self, browser):
-        self.browser, self.clicks = browser, 0
+    def __init__(self, driver, browser):
+        self.driver, self.browser, self.clicks = driver, browser, 0
 
     def find(self, what, text=None):
         """The first element of a kind with a text, as soon as it is there."""
@@ -142,12 +198,25 @@ class Page:
             time.sleep(0.3)
         raise AssertionError(f"no {what} with {text!r}: {self.browser.page_source[:500]}")
 
-    def click(self, what, text):
+    def shown(self, what, text=None):
+        """The same, once it is in the middle of the window."""
         element = self.find(what, text)
         self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
         time.sleep(1.0)  # it scrolls smoothly
-        element.click()
+        return element
+
+    def click(self, what, text):
+        self.shown(what, text).click()
         self.clicks += 1
+
+    def drag(self, what, start, end):
+        """From one place of an element to another, as parts of its width and height."""
+        element = self.shown(what)
+        size = np.array([element.size["width"], element.size["height"]])
+        (x, y), (dx, dy) = (size * (np.array(start) - 0.5), size * np.subtract(end, start))
+        hand = self.driver.ActionChains(self.browser)
+        hand.move_to_element_with_offset(element, x, y).click_and_hold().move_by_offset(dx, dy)
+        hand.release().perform()
 
 
 @pytest.fixture
@@ -169,7 +238,7 @@ def page(tmp_path):
         with pytest.raises(urllib.error.HTTPError, match="401"):  # without the token
             urllib.request.urlopen(address.partition("?")[0] + "/api/status")
         browser.get(address)
-        yield Page(browser)
+        yield Page(webdriver, browser)
     finally:
         browser.quit()
         server.terminate()
@@ -189,3 +258,19 @@ def test_a_file_is_dropped_identified_and_its_report_downloaded(page, tmp_path):
     while not report.is_file() and time.monotonic() < until:
         time.sleep(0.3)
     assert 'content="romsindy identify"' in report.read_text() and page.clicks <= 5
+
+
+@pytest.mark.slow
+def test_a_mode_is_picked_with_the_pointer(page, tmp_path):
+    """A box around the upper of two modes chooses it below, and is what is identified."""
+    t = np.arange(0, 6, 1 / 300)
+    x = 12 * np.exp(-0.3 * t) * np.cos(40 * t) + 4 * np.exp(-0.5 * t) * np.cos(190 * t)
+    x += 0.03 * np.random.default_rng(0).normal(size=len(t))
+    table = "\n".join(["t [s],x [mm]", *(f"{a:.6f},{b:.6f}" for a, b in zip(t, x, strict=True))])
+    (tmp_path / "two.csv").write_text(table)
+    page.find("input[type=file]").send_keys(str(tmp_path / "two.csv"))
+    page.drag("canvas", (0.12, 0.17), (0.9, 0.5))  # within the axes
+    page.find("option:checked", "2: 30.2")
+    page.find("option:checked", "1: 0 to")
+    page.click("button", "Identify")
+    page.find("pre", "Used: mode 2")
