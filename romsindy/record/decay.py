@@ -72,6 +72,12 @@ class Decay(Measurement):
     ValueError
         For NaN, gaps, time that does not increase, shapes that do not fit, a constant signal;
         the message names the argument, the value and the remedy.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 5.0, 0.01)
+    >>> Decay(t, np.exp(-0.1 * t) * np.cos(6 * t), unit="m")
+    <Decay: 500 samples at 100 Hz, 4.99 s, max |q| 1 m, measured displacement>
     """
 
     t: Array

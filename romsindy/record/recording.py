@@ -321,6 +321,12 @@ class Recording:
     ------
     ValueError
         For time that is not finite or does not increase, and shapes that do not fit.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 5.0, 0.01)
+    >>> Recording(t, np.column_stack([np.cos(6 * t), np.sin(6 * t)]), ["tip", "root"], unit="m")
+    <Recording: 500 samples at 100 Hz, 4.99 s, displacement in m, channels tip, root>
     """
 
     t: Array

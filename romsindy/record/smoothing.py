@@ -215,6 +215,12 @@ class Butterworth:
     ------
     ValueError
         If the cut-off or the order is not positive.
+
+    Examples
+    --------
+    >>> from romsindy import example_decay
+    >>> example_decay(40, periods=20).differentiated(Butterworth(cutoff=6.0)).notes
+    ('smoothed and differentiated by Butterworth(cutoff=6.0, order=4)',)
     """
 
     cutoff: float | None = None
@@ -244,6 +250,12 @@ class SavitzkyGolay:
         Number of samples, odd.
     order : int
         Degree of the polynomials, below the window.
+
+    Examples
+    --------
+    >>> q, q_dot, q_ddot = SavitzkyGolay(window=21)(np.sin(6 * np.arange(0.0, 5.0, 0.01)), dt=0.01)
+    >>> f"{q_dot.max():.2f}, {q_ddot.max():.1f}"
+    '6.00, 36.0'
     """
 
     window: int = 31

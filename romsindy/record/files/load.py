@@ -74,6 +74,15 @@ def load_recording(
         If there is no such file.
     ValueError
         If the file cannot be understood; the message names the line or the column, and the remedy.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(0.0, 5.0, 0.01)
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(f"{folder}/run.txt", np.c_[t, np.cos(6 * t)], header="t [s]  tip [mm]")
+    ...     load_recording(f"{folder}/run.txt")
+    <Recording: 500 samples at 100 Hz, 4.99 s, displacement in m, channels tip>
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
     decay = _saved(path, (unit, quantity, column, time, rate))
@@ -108,6 +117,15 @@ def load_decay(
     ValueError
         If the file cannot be understood, if more than one column could be meant, if samples are
         missing, or as by `Decay`; the message names the line or the column, and the remedy.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(0.0, 5.0, 0.01)
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(f"{folder}/run.txt", np.c_[t, np.exp(-t) * np.cos(6 * t)])
+    ...     load_decay(f"{folder}/run.txt", unit="mm", start=1.0)
+    <Decay: 400 samples at 100 Hz, 3.99 s, max |q| 0.0003558 m, measured displacement>
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
     decay = _saved(path, (unit, quantity, column, time, rate))
@@ -165,6 +183,16 @@ def load_forced(
     ValueError
         If the file cannot be understood, a column could be another one, samples are missing, or as
         by `ForcedVibration`; the message names the remedy.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(0.0, 5.0, 0.01)
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(f"{folder}/run.txt", np.c_[t, np.cos(t), t], header="t [s]  q [m]  F [N]")
+    ...     load_forced(f"{folder}/run.txt")
+    <ForcedVibration: 500 samples at 100 Hz, 4.99 s, max |displacement| 1 m, by force>
+      - columns: displacement 'q', force 'F'
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
     names = (inputs,) if isinstance(inputs, str) else tuple(inputs)

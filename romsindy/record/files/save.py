@@ -74,6 +74,15 @@ def save_decay(decay: Decay, path: str | Path) -> None:
     ------
     ValueError
         If the name ends otherwise, or a CSV would need several channels.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from romsindy import example_decay, load_decay
+    >>> with TemporaryDirectory() as folder:
+    ...     save_decay(example_decay(periods=5), f"{folder}/decay.csv")
+    ...     load_decay(f"{folder}/decay.csv")
+    <Decay: 501 samples at 95.493 Hz, 5.236 s, max |q| 1.85 m, measured displacement>
     """
     path = Path(path)
     signals = {n: getattr(decay, n) for n in _RATES}
