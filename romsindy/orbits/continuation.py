@@ -30,7 +30,14 @@ _FEW_ITERATIONS = 3  # of Newton from a good prediction: the step may grow
 
 
 class ContinuationError(RuntimeError):
-    """No solution was found near the guess."""
+    """No solution was found near the guess.
+
+    Examples
+    --------
+    >>> continue_branch(lambda u, p: u**2 + 1, [1.0], 0.0, p_range=(-1, 1))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    romsindy.orbits.continuation.ContinuationError: the corrector does not converge near p = 0: ...
+    """
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,13 @@ class Steps:
     ------
     ValueError
         If 0 < least <= first <= most does not hold, or another number is not positive.
+
+    Examples
+    --------
+    >>> steps = Steps(most=0.02)
+    >>> fine = continue_branch(lambda u, p: u - p**2, [0.0], 0.0, p_range=(0, 1), steps=steps)
+    >>> bool(np.diff(fine.p).max() <= 0.02)
+    True
     """
 
     first: float = 0.01

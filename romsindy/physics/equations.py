@@ -34,7 +34,16 @@ SINGULAR = 1e-3
 
 
 class SingularInertiaError(ValueError):
-    """The inertia M(q) is not positive where the motion went."""
+    """The inertia M(q) is not positive where the motion went.
+
+    Examples
+    --------
+    >>> from romsindy import ReducedModel
+    >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "Upsilon_3": -1.0})
+    >>> model.simulate(1.1, 0.0, np.arange(0.0, 9.0, 0.1))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    romsindy.physics.equations.SingularInertiaError: 1 + h(q) = -0.21 is not positive at q = 1.1 ...
+    """
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,13 @@ def add_noise(decay: Decay, snr_db: float, seed: int) -> Decay:
     snr_db : float
         Ratio of the rms of q over the whole record to that of the noise, in dB.
     seed : int
+
+    Examples
+    --------
+    >>> clean = example_decay(periods=5)
+    >>> noise = add_noise(clean, snr_db=40, seed=0).q - clean.q
+    >>> round(float(noise.std() / clean.q.std()), 3)
+    0.01
     """
     return Decay(decay.t, with_noise(decay.q, snr_db, seed), unit=decay.unit)
 
@@ -48,6 +55,11 @@ def example_decay(
         Of the noise.
     periods, samples : float, int
         Length in linear periods, and samples in each.
+
+    Examples
+    --------
+    >>> example_decay(snr_db=40, periods=5)
+    <Decay: 501 samples at 95.493 Hz, 5.236 s, max |q| 1.867 m, measured displacement>
     """
     period = 2 * np.pi / np.sqrt(EXAMPLE_MODEL.coefficients["omega^2"])
     t = np.arange(round(periods * samples) + 1) * period / samples

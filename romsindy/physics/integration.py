@@ -26,7 +26,16 @@ _MOMENT = 1e-13  # of the whole time: a stroke that short is none
 
 
 class EscapeError(ValueError):
-    """The motion leaves every bound, or becomes too fast to be followed."""
+    """The motion leaves every bound, or becomes too fast to be followed.
+
+    Examples
+    --------
+    >>> from romsindy import ReducedModel
+    >>> softening = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": -1.0})
+    >>> softening.simulate(1.1, 0.0, np.arange(0.0, 9.0, 0.1))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    romsindy.physics.integration.EscapeError: the motion from q = 1.1, q_dot = 0 cannot be ...
+    """
 
 
 class _Course:
