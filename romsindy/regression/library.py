@@ -191,7 +191,13 @@ class TermLibrary(BaseFeatureLibrary):
 
 @dataclass(eq=False, repr=False)
 class ICROMLibrary(TermLibrary):
-    """Inertial compensation of the given orders (`Inertia`)."""
+    """Inertial compensation of the given orders (`Inertia`).
+
+    Examples
+    --------
+    >>> ICROMLibrary(orders=(3,)).get_feature_names()
+    ['(q^2 q_ddot + q q_dot^2)']
+    """
 
     orders: Sequence[int] = (3, 4, 5)
     channels: Sequence[int] = (0, 1, 2)
@@ -203,7 +209,13 @@ class ICROMLibrary(TermLibrary):
 
 @dataclass(eq=False, repr=False)
 class StiffnessLibrary(TermLibrary):
-    """Powers of q: omega^2 for degree 1, gamma_m beyond (`Stiffness`)."""
+    """Powers of q: omega^2 for degree 1, gamma_m beyond (`Stiffness`).
+
+    Examples
+    --------
+    >>> [term.key for term in StiffnessLibrary(degrees=(1, 3)).terms]
+    ['omega^2', 'gamma_3']
+    """
 
     degrees: Sequence[int] = (1, 2, 3, 4, 5)
     channels: Sequence[int] = (0, 1, 2)
@@ -215,7 +227,13 @@ class StiffnessLibrary(TermLibrary):
 
 @dataclass(eq=False, repr=False)
 class DampingLibrary(TermLibrary):
-    """Damping terms: "linear", "quadratic", "coulomb", "cubic", "q^2 q_dot"."""
+    """Damping terms: "linear", "quadratic", "coulomb", "cubic", "q^2 q_dot".
+
+    Examples
+    --------
+    >>> DampingLibrary(["linear", "quadratic"]).get_feature_names()
+    ['q_dot', '|q_dot| q_dot']
+    """
 
     kinds: Sequence[str] = ("linear",)
     channels: Sequence[int] = (0, 1, 2)
@@ -231,6 +249,13 @@ class BeamTheoryLibrary(TermLibrary):
     """The cantilever model from the literature: q^2 q_ddot and q q_dot^2 with coefficients apart.
 
     Eq. (8) of the method's paper; add a `StiffnessLibrary` and a `DampingLibrary` to it.
+
+    Examples
+    --------
+    >>> from romsindy import HarmonicSINDy, example_decay
+    >>> library = BeamTheoryLibrary() + StiffnessLibrary((1, 3)) + DampingLibrary()
+    >>> list(HarmonicSINDy(library).fit(example_decay(periods=30)).model_.coefficients)
+    ['beta_1', 'beta_2', 'omega^2', 'gamma_3', 'c_linear']
     """
 
     channels: Sequence[int] = (0, 1, 2)
@@ -346,6 +371,12 @@ def implicit_data(decay: Decay) -> dict[str, np.ndarray]:
     ------
     ValueError
         If the decay lacks velocity or acceleration.
+
+    Examples
+    --------
+    >>> from romsindy import example_decay
+    >>> {name: columns.shape for name, columns in implicit_data(example_decay(periods=5)).items()}
+    {'x': (501, 1), 'u': (501, 2), 'x_dot': (501, 1)}
     """
     decay = decay.single()
     if decay.q_dot is None or decay.q_ddot is None:

@@ -77,6 +77,14 @@ class HarmonicProjection(BaseEstimator):
     2.5e-6, strong 6.9e-4 ... 3.0e-6: nearly alike, since all derivatives come from one smoothed
     signal. With Savitzky-Golay weak 3.8e-4 ... 6.5e-6, strong 3.3e-4 ... 4.8e-4, which is the bias
     of its second derivative.
+
+    Examples
+    --------
+    >>> from romsindy import HarmonicSINDy, example_decay
+    >>> projection = HarmonicProjection(harmonics=(1, 3), amplitude=(0.5, 1.5))
+    >>> model = HarmonicSINDy(projection=projection).fit(example_decay(periods=60)).model_
+    >>> [round(end, 2) for end in model.amplitude_range]
+    [0.51, 1.5]
     """
 
     harmonics: Sequence[int] = (0, 1, 2, 3)
@@ -233,6 +241,14 @@ class HarmonicLibrary(BaseFeatureLibrary):
         What to project.
     projection : HarmonicProjection, optional
         Which harmonics and amplitudes; its form is not used.
+
+    Examples
+    --------
+    >>> from romsindy import ROMLibrary, example_decay
+    >>> decay = example_decay(periods=30)
+    >>> x = np.stack([decay.q, decay.q_dot, decay.q_ddot], axis=1)
+    >>> HarmonicLibrary(ROMLibrary()).fit_transform(x).shape
+    (196, 9)
     """
 
     library: BaseFeatureLibrary

@@ -34,6 +34,12 @@ class ScaledOptimizer(BaseOptimizer):
         scikit-learn are fitted without intercept.
     fixed : mapping of int to float, optional
         Columns whose coefficients are known.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).normal(size=(100, 2)) * [1.0, 1e6]
+    >>> ScaledOptimizer().fit(x, x @ [[3.0], [2e-6]]).coef_.round(9).tolist()
+    [[3.0, 2e-06]]
     """
 
     def __init__(self, optimizer: Any = None, fixed: Mapping[int, float] | None = None):

@@ -64,6 +64,15 @@ class WindowProjection(BaseEstimator):
         terms better, and may not settle where motions are strongly nonlinear.
     rounds : int
         Regressions at most, at least 1; the one that leaves least is kept.
+
+    Examples
+    --------
+    >>> from romsindy import Decay, HarmonicSINDy, ROMLibrary
+    >>> t, windows = np.arange(0.0, 10.0, 0.02), WindowProjection(cycles=4)
+    >>> decay = Decay(t, np.exp(-0.1 * t) * (np.cos(6 * t) + 0.5 * np.cos(15 * t)))
+    >>> model = HarmonicSINDy(ROMLibrary((), (1,), modes=2), projection=windows).fit(decay).model_
+    >>> round(model.coefficients["omega^2 [q1]"], 1), round(model.coefficients["omega^2 [q2]"], 1)
+    (36.0, 225.0)
     """
 
     cycles: float = 6.0
