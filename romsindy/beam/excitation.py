@@ -98,6 +98,14 @@ class PointForce(_Driver):
     ValueError
         For a direction of length zero, samples that are not finite or not as many as times, or
         times that do not increase.
+
+    Examples
+    --------
+    >>> from romsindy import Beam
+    >>> beam, shaker = Beam.cantilever(elements=4), PointForce(lambda t: np.sin(60 * t), at=0.2)
+    >>> motion = beam.simulate(duration=0.05, force=shaker, sensors=beam.sensors([0.45]))
+    >>> f"{1e3 * motion.sensors.displacement[-1, 0]:.1f} mm"
+    '8.1 mm'
     """
 
     history: InTime
@@ -143,6 +151,14 @@ class BaseAcceleration(_Driver):
     ------
     TypeError, ValueError
         As `PointForce` does.
+
+    Examples
+    --------
+    >>> from romsindy import Beam
+    >>> beam, table = Beam.cantilever(elements=4), BaseAcceleration(lambda t: 2 * np.sin(60 * t))
+    >>> motion = beam.simulate(duration=0.05, base=table, sensors=beam.sensors([0.45]))
+    >>> f"{1e3 * motion.sensors.displacement[-1, 0]:.1f} mm"
+    '-1.9 mm'
     """
 
     history: InTime
