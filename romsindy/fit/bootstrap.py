@@ -82,6 +82,15 @@ def bootstrap(
     ------
     ValueError
         If fewer than two repetitions are asked for, or fewer than two succeed.
+
+    Examples
+    --------
+    >>> from romsindy import ReducedModel, add_noise, refine
+    >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
+    >>> decay = add_noise(model.simulate(1.0, 0.0, np.arange(0.0, 10.0, 0.05)), 40, seed=0)
+    >>> repeats = bootstrap(refine(model, decay), repetitions=4)
+    >>> f"{repeats.standard_errors['c_linear']:.4f} 1/s"
+    '0.0004 1/s'
     """
     if repetitions < 2:
         raise ValueError(f"repetitions = {repetitions!r} must be at least 2 (100: errors to 7 %)")

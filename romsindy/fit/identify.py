@@ -75,6 +75,14 @@ def identify(
         For no records, units that differ, a record given twice, or what the records cannot have.
     TrajectoryError
         If no motion of the equation follows the measured one.
+
+    Examples
+    --------
+    >>> from romsindy import ROMLibrary, example_decay
+    >>> terms = ROMLibrary(inertia=(3, 4, 5), stiffness=(2, 3), damping=()).terms
+    >>> fit = identify(example_decay(40, periods=20, samples=30), terms=terms)
+    >>> f"{fit.model.coefficients['Upsilon_3']:.1f} 1/m^2", fit.verdict.explained
+    ('0.3 1/m^2', True)
     """
     several = listed_records(records, "records")
     driven = Given.of(several).driven

@@ -81,6 +81,14 @@ def refine(
         to fit.
     TrajectoryError
         If no motion of the model follows the measured one.
+
+    Examples
+    --------
+    >>> from romsindy import HarmonicSINDy, example_decay
+    >>> decay = example_decay(40, periods=20, samples=30)
+    >>> fit = refine(HarmonicSINDy().fit(decay).model_, decay)
+    >>> f"{fit.model.coefficients['c_linear']:.3f} +- {fit.standard_errors['c_linear']:.4f} 1/s"
+    '0.060 +- 0.0004 1/s'
     """
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")

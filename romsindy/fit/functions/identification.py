@@ -66,6 +66,13 @@ class Identification(Estimate):
     residuals : tuple of arrays
         Measured minus one simulation of each record by the equation, unit of the measured
         quantity; inf where it has no motion there. Not saved.
+
+    Examples
+    --------
+    >>> from romsindy import example_decay, identify
+    >>> h = identify(example_decay(60, periods=10, samples=20)).inertia(1.0)
+    >>> f"h(1 m) = {h.value[0]:.1f}, in a band {h.high[0] - h.low[0]:.1f} wide"
+    'h(1 m) = 0.5, in a band 0.1 wide'
     """
 
     structures: tuple[Structure, ...]

@@ -71,6 +71,14 @@ class Estimate:
     ------
     ValueError
         If a free name is not in the model or stands twice, or the covariance does not fit.
+
+    Examples
+    --------
+    >>> from romsindy import refine
+    >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "c_linear": 0.1}, unit="m")
+    >>> fit = refine(model, model.simulate(1.0, 0.0, np.arange(0.0, 10.0, 0.05)))
+    >>> Estimate.from_json(fit.to_json()).model.equation()
+    'q_ddot + 36 q + 0.1 q_dot = 0'
     """
 
     model: Equations

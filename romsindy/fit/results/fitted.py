@@ -73,6 +73,15 @@ class Fit(Estimate):
     records : tuple of Record
     solution : Solution
         Changes of the free coefficients, then the offsets of the sensor where they were fitted.
+
+    Examples
+    --------
+    >>> from romsindy import ReducedModel, add_noise, refine
+    >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
+    >>> decay = add_noise(model.simulate(1.0, 0.0, np.arange(0.0, 10.0, 0.05)), 40, seed=0)
+    >>> fit = refine(model, decay)
+    >>> [round(end, 1) for end in fit.interval("omega^2")], fit.verdict.explained
+    ([35.9, 36.1], True)
     """
 
     start: Equations
