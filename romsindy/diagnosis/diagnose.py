@@ -175,6 +175,12 @@ def diagnose(
         For arguments that do not belong to the simulation, and for records that cannot be compared
         with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
         remedy.
+
+    Examples
+    --------
+    >>> from romsindy.physics.example import EXAMPLE_MODEL, example_decay
+    >>> diagnose(EXAMPLE_MODEL, example_decay(40, periods=20, samples=30)).verdict
+    'none'
     """
     _check_searched(catalogue, progress)
     check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs, budget)

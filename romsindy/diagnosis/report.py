@@ -323,6 +323,16 @@ class DiagnosisReport(BesideDecays, Explained):
         Of the model, as its reference record shows it.
     small : bool
         Whether what is named changes less than matters.
+
+    Examples
+    --------
+    >>> from romsindy import diagnose, effects
+    >>> linear, t = {"omega^2": 36.0, "c_linear": 0.1}, np.arange(0.0, 10.0, 0.05)
+    >>> decay = ReducedModel.from_coefficients({**linear, "gamma_3": 9.0}).simulate(0.3, 0.0, t)
+    >>> model, catalogue = ReducedModel.from_coefficients(linear), [effects.CubicStiffness()]
+    >>> report = diagnose(model, decay, catalogue=catalogue)
+    >>> report.verdict, f"{report.effects[0].name} {report.effects[0].values['strength']:.1f}"
+    ('named', 'cubic_stiffness 9.0')
     """
 
     nominal: ReducedModel

@@ -166,6 +166,13 @@ def inspect(
     ------
     ValueError
         If the file cannot be understood, or there is no such channel.
+
+    Examples
+    --------
+    >>> from romsindy import example_decay
+    >>> seen = inspect(example_decay(40, periods=20))
+    >>> [f"{mode.mean_frequency:.2f} Hz" for mode in seen.modes], len(seen.releases), seen.defects
+    (['0.92 Hz'], 1, ())
     """
     if isinstance(record, (str, PathLike, Mapping, Sequence)):
         recording = load_recording(record, **reading)
