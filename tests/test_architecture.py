@@ -171,6 +171,11 @@ def test_examples_in_docstrings_run(module):
     assert results.failed == 0
 
 
+def test_every_public_name_has_an_example():
+    lacking = [n for n in romsindy.__all__ if ">>>" not in (getattr(romsindy, n).__doc__ or "")]
+    assert not lacking, f"no example in the docstring of {', '.join(lacking)}"
+
+
 def test_versions_agree():
     project = (ROOT / "pyproject.toml").read_text()
     assert f'version = "{romsindy.__version__}"' in project
