@@ -95,7 +95,8 @@ def _(look, mo, said, seen, words):
 def _(draw, mo, seen):
     mo.stop(seen is None or not seen["modes"])
     box = mo.ui.matplotlib(draw(seen), debounce=True)
-    mo.vstack([mo.md("Draw a box around the dots of the vibration that is meant, or choose it below."), box])
+    _how = "Draw a box around the dots of the vibration that is meant, or choose it below."
+    mo.vstack([mo.md(_how), box])
     return (box,)
 
 

@@ -113,7 +113,8 @@ def test_what_can_be_picked_is_drawn_within_its_axes():
 
 def test_channels_are_named_where_the_file_can_be_read():
     session = Session()
-    table = b"t [s],tip [mm],base [mm]\n" + b"".join(b"%d,%d,%d\n" % (i, i % 5, i % 7) for i in range(99))
+    lines = ["t [s],tip [mm],base [mm]", *(f"{i},{i % 5},{i % 7}" for i in range(99))]
+    table = "\n".join(lines).encode()
     assert session.channels(session.put("a.csv", table), "") == ("tip", "base")
     assert session.channels(session.put("b.csv", b"hello\n"), "") == ()
 
