@@ -88,11 +88,11 @@ def write_effects() -> None:
 
 def copy_notebooks() -> None:
     """Notebooks live in examples/, and Sphinx reads what is below its sources alone."""
-    for notebook in (HERE.parent / "examples").glob("*.ipynb"):
+    for notebook in (HERE.parent / "examples").rglob("*.ipynb"):
         shutil.copy(notebook, HERE / "tutorials")
 
 
-_NOTEBOOK = re.compile(r"\]\((?:\.\./)+examples/(\w+\.ipynb)\)")
+_NOTEBOOK = re.compile(r"\]\((?:\.\./)+examples/(?:\w+/)?(\w+\.ipynb)\)")
 _FIGURE = re.compile(r"^```python\n((?:(?!```).*\n)*)```\n<!-- figure: (.*) -->\n", re.M)
 
 

@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 # Public names are listed once, in the stub that type checkers read, and imported when they are
 # used: to print help needs no compiler, and to fit a model no beam.

@@ -181,6 +181,8 @@ def test_versions_agree():
     assert f'version = "{romsindy.__version__}"' in project
     assert f"version: {romsindy.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"## {romsindy.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+    pinned = (ROOT / "examples" / "pysindy" / "requirements.txt").read_text()
+    assert pinned.strip() == f"romsindy=={romsindy.__version__}"
 
 
 def test_ci_runs_the_readme():

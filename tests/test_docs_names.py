@@ -300,7 +300,7 @@ def test_what_stands_in_fences_is_there(path):
 
 @each
 def test_as_many_notebooks_as_are_said(path):
-    there = len([*(ROOT / "examples").glob("*.ipynb")])
+    there = len([*(ROOT / "examples").rglob("*.ipynb")])
     said = re.findall(r"(\w+) notebooks\b", path.read_text().lower())
     assert {NUMBERS.index(word) for word in said if word in NUMBERS} <= {there}
 

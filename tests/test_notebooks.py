@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
+NOTEBOOKS = sorted(EXAMPLES.rglob("*.ipynb"))
 LARGEST = 500_000  # bytes, so that clones stay light
 
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
