@@ -1,4 +1,4 @@
-"""What all figures share: axes to draw into, looks of curves, units, an axis for ratios."""
+"""What all figures share: axes to draw into, looks of curves, units, what is said of points."""
 
 from __future__ import annotations
 
@@ -43,6 +43,13 @@ def log_ratio(ax: Axes, *others: str) -> None:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(NullFormatter())
+
+
+def legend_once(ax: Axes, **look: Any) -> None:
+    """A legend in which what shares a label is named once, as several decays are."""
+    handles, labels = ax.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    ax.legend(named.values(), named.keys(), loc="best", frameon=False, **look)
 
 
 # -- what is known of every point of a curve -------------------------------------------------------

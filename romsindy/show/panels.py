@@ -26,7 +26,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.regression.judged import Beside
 from romsindy.show import plots
-from romsindy.show.axes import with_unit
+from romsindy.show.axes import legend_once, with_unit
 from romsindy.show.compared import (
     Compared,
     Density,
@@ -449,9 +449,7 @@ def draw_levels(
     ax.plot(hz, size, ".", color="0.2", ms=4, zorder=3, label="measured")
     ax.set(xlabel="frequency (Hz)")
     ax.set_ylabel(with_unit(points.measured, unit_of(points.measured, fit.model.unit)))
-    handles, labels = ax.get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))  # the band and a fold are named once
-    ax.legend(once.values(), once.keys(), loc="best", frameon=False, fontsize="small")
+    legend_once(ax, fontsize="small")  # the band and a fold
 
 
 def draw_force_left(fit: SteadyFit, figure: Figure) -> None:

@@ -21,7 +21,16 @@ from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.projection import HarmonicRows
-from romsindy.show.axes import Fact, given_or_new, log_ratio, look, of_cycles, tell, with_unit
+from romsindy.show.axes import (
+    Fact,
+    given_or_new,
+    legend_once,
+    log_ratio,
+    look,
+    of_cycles,
+    tell,
+    with_unit,
+)
 from romsindy.text import listed
 from romsindy.typing import Array
 
@@ -110,7 +119,7 @@ def plot_backbone(
     if len(sure) > 1:
         margin = 0.08 * max(np.ptp(sure), 1e-4 * sure.mean())
         ax.set_xlim(sure.min() - margin, sure.max() + margin)
-    _legend(ax)
+    legend_once(ax)
     return ax
 
 
@@ -141,12 +150,6 @@ def _draw_cycles(
     return backbones
 
 
-def _legend(ax: Axes) -> None:
-    handles, labels = ax.get_legend_handles_labels()
-    named = dict(zip(labels, handles, strict=True))  # several decays share one label
-    ax.legend(named.values(), named.keys(), loc="best", frameon=False)
-
-
 def plot_damping(
     measured: Backbone | Sequence[Backbone] | Fit,
     models: Models | None = None,
@@ -162,7 +165,7 @@ def plot_damping(
     spread = np.quantile(ratios, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
     ax.set(xlabel=with_unit("amplitude", backbones[0].unit), ylabel="damping ratio (%)")
-    _legend(ax)
+    legend_once(ax)
     return ax
 
 

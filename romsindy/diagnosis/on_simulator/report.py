@@ -8,8 +8,7 @@ from typing import Any
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
-from romsindy.diagnosis.on_simulator.effects import ValueEffect
-from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.simulator.force import LawForce
 from romsindy.text import left_over, listed, percent

@@ -15,7 +15,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.structure import Moved, linear_parts, start_of
 from romsindy.effects.base import TermEffect
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -23,7 +22,7 @@ from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part, extended
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.term import Term
+from romsindy.physics.term import Combination, Term
 from romsindy.record.decay import Decay
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import Force, SimulatedDecay, Simulator, SimulatorError, times
@@ -43,6 +42,47 @@ _EARLIEST = 16  # turns since a release that is looked for
 _FARTHER, _RUNAWAY = 1.15, 2.0
 _ECHOES = 3  # times that other modes are followed from the latest to the earliest release
 _TIGHT = 1e-9
+
+
+class ForceScale(NamedTuple):
+    """What a force does: its point moves by ``per_q`` q, over the modal ``mass`` of q."""
+
+    mass: float
+    per_q: float
+
+
+@dataclass(frozen=True)
+class ValueEffect(TermEffect):
+    """A value that the simulator takes is another than assumed; the strength is its change.
+
+    ``direction`` is what a unit of the change does to the coefficients of the equation, ``assumed``
+    the value, ``tolerance`` the standard deviation of a change that is known to be near 0.
+    """
+
+    value_name: str
+    assumed: float
+    direction: Combination
+    tolerance: float | None = None  # type: ignore[misc]
+
+    family = "value"
+    advice = "measure the value by itself"
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """That of the value."""
+        return self.value_name
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """As an engineer says it."""
+        return f"another {self.value_name} than {self.assumed:.6g}"
+
+    def term(self) -> Combination:
+        return self.direction
+
+    def strength_unit(self, unit: str | None) -> str:
+        """Its own, which nobody knows."""
+        return ""
 
 
 def _other_modes(measured: Array, simulated: Array) -> float:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from romsindy.diagnosis.arguments import FREE
-from romsindy.diagnosis.on_simulator.effects import ForceScale, ValueEffect
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
-from romsindy.diagnosis.on_simulator.seen import OnSimulator
+from romsindy.diagnosis.on_simulator.seen import ForceScale, OnSimulator, ValueEffect
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
-from romsindy.diagnosis.structure import sensor_errors
+from romsindy.diagnosis.structure import linear_parts, sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
@@ -288,9 +287,7 @@ class ProbeSpring:
 def _linear_change(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> float:
     """Change of omega^2 of the equation that a simulated motion (n, n_sensors) shows."""
     record = Record.of(Decay(t, on.coordinate(x)), 1e-6)
-    parts = [Part.of(e, scales([record]), 1) for e in _LINEAR.values()]
-    solution = fit(model, parts, [record], iterations=30)
-    return float(solution.parts[0].strengths[0, 0])
+    return float(_changes(model, linear_parts(record), record)[0])
 
 
 def _per_q(on: OnSimulator, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:
@@ -333,7 +330,11 @@ def _value_effect(
 
 def _coefficients(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> Array:
     """Changes of all coefficients of the equation that a simulated motion shows."""
-    record = Record.of(Decay(t, on.coordinate(x)), 1e-6)
     parts = [Part(Coefficient(term), (), np.zeros((1, 1))) for term in model.terms]
+    return _changes(model, parts, Record.of(Decay(t, on.coordinate(x)), 1e-6))
+
+
+def _changes(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
+    """Strengths of parts, one each, that make an equation follow a record."""
     solution = fit(model, parts, [record], iterations=30)
     return np.array([p.strengths[0, 0] for p in solution.parts])
