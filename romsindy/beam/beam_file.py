@@ -123,8 +123,9 @@ def _made(make: Callable[..., T], value: Any, table: str) -> T:
     needed = [name for name, p in parameters.items() if p.default is p.empty]
     refuse_unknown(table, entries.table(table, value), list(parameters))
     values = entries.table(table, value, needed)
-    read = {n: _READERS.get(str(parameters[n].annotation), _as_it_is) for n in values}
-    return make(**{name: read[name](f"{table} {name}", v) for name, v in values.items()})
+    readers = {n: _READERS.get(str(parameters[n].annotation)) for n in values}
+    # What has no reader was made before.
+    return make(**{n: r(f"{table} {n}", values[n]) if r else values[n] for n, r in readers.items()})
 
 
 def _pair(name: str, value: Any) -> Any:
@@ -134,11 +135,6 @@ def _pair(name: str, value: Any) -> Any:
     if len(pair) != 2:
         raise ValueError(f"{name} = {list(pair)!r:.60} must be two numbers, along and across")
     return pair
-
-
-def _as_it_is(_: str, value: Any) -> Any:
-    """What was made before."""
-    return value
 
 
 _READERS: dict[str, entries.Reader] = {

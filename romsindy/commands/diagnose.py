@@ -340,7 +340,8 @@ def _run(
 ) -> Any:
     """The diagnosis; what it refuses is told with the names of files and options."""
     settings = {name: value for name, value in given.items() if value is not None}
-    with bar(None, _comparing(len(measured))) as steps:
+    n = len(measured)
+    with bar(None, f"comparing candidates with {n} measured record{'s' * (n > 1)}") as steps:
 
         def progress(candidate: str) -> None:
             steps.set_postfix_str(candidate)
@@ -428,11 +429,6 @@ def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> lis
         for i, record in enumerate(records, 1):
             found.append((f"{file}" if len(records) == 1 else f"{file}, release {i}", record))
     return found
-
-
-def _comparing(count: int) -> str:
-    """What the comparison has before its first candidate."""
-    return f"comparing candidates with {count} measured record{'s' * (count > 1)}"
 
 
 def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:

@@ -97,8 +97,7 @@ def _shaker(path: Path) -> None:
 
     done = solve_ivp(rates, (0, 30), [0, 0], "DOP853", t, rtol=1e-9, atol=1e-12, max_step=0.01)
     table = np.column_stack([t, with_noise(done.y[0], _SNR, 7), force(t)])
-    header = "time [s],displacement [m],force [N]"
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    _save(path, "time [s],displacement [m],force [N]", table)
 
 
 def _stepped(path: Path) -> None:
@@ -112,8 +111,7 @@ def _stepped(path: Path) -> None:
         size = np.full((2, len(w)), [[level], [_SPREAD]])
         rows.append([w / (2 * np.pi), size[0], np.abs(v), np.degrees(np.angle(v)), size[1]])
     header = "frequency [Hz],force [V],velocity [m/s],velocity phase [deg],spread [m/s]"
-    table = np.concatenate(rows, axis=1).T
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    _save(path, header, np.concatenate(rows, axis=1).T)
 
 
 def _beam_decay(path: Path) -> None:
@@ -128,7 +126,10 @@ def _beam_decay(path: Path) -> None:
 
 def _write_columns(path: Path, t: Array, signals: dict[str, Array]) -> None:
     header = ",".join(["time [s]", *(f"{name} [m]" for name in signals)])
-    table = np.column_stack([t, *signals.values()])
+    _save(path, header, np.column_stack([t, *signals.values()]))
+
+
+def _save(path: Path, header: str, table: Array) -> None:
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
 
 

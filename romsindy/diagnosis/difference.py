@@ -78,7 +78,7 @@ class Tolerance:
     def __post_init__(self) -> None:
         for name in KINDS:
             value = getattr(self, name)
-            if not _is_size(value):
+            if not (isinstance(value, (int, float)) and 0 <= value < float("inf")):
                 raise ValueError(
                     f"tolerance of {name} = {value!r} must be a relative size that is not negative,"
                     " such as 0.001"
@@ -126,10 +126,6 @@ class Tolerance:
         wide = tuple((k, source, size) for k, size in sizes.items() if size > WIDEST[k])
         by_default = {k: DEFAULT for k, *_ in wide}
         return cls(**narrow, source=source, sources=by_default, undetermined=wide, bands={})
-
-
-def _is_size(value: object) -> bool:
-    return isinstance(value, (int, float)) and 0 <= value < float("inf")
 
 
 _LEAST = 4  # cycles that are compared

@@ -472,7 +472,7 @@ def forced_response(
         multipliers=multipliers,
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
-        limit=_limit(model),
+        limit=None if model.numbered else (model.amplitude_range or (0.0, None))[1],
         untraced=_untraced(
             branch, partial(_led, resting, ladder, rest, (0.0, 1.0), steps, ""), last
         ),
@@ -504,13 +504,6 @@ def _untraced(branch: OrbitBranch, from_rest: Callable[[], Start], last: float) 
         f"at {last / hz:.5g} Hz there is another response, which was not followed: start there,"
         f" frequency=({last:g}, {branch.omega[0]:g}), or go on beyond it"
     )
-
-
-def _limit(model: Equations) -> float | None:
-    """Largest amplitude of the data behind a model of one coordinate."""
-    if model.numbered or model.amplitude_range is None:
-        return None
-    return model.amplitude_range[1]
 
 
 def _ladder(n_harmonics: int | None) -> tuple[int, ...]:

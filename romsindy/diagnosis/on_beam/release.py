@@ -166,14 +166,11 @@ class _FirstCycles:
     def simulated(self, state: Array) -> Array:
         """What the sensors read from a state on."""
         (q, *displaced), (q_dot, *rates) = np.split(state * self.sizes, 2)
-        rung, finer = self.modes.ringing(np.array(displaced), np.array(rates)), self._finer
+        rung = self.modes.ringing(np.array(displaced), np.array(rates))
+        finer = steps(self.seen.fastest, self.dt)
         duration, step = (len(self.measured) - 0.5) * self.dt, self.dt / finer
         motion = self.seen.motion(self.beam, q, duration, step, q_dot=q_dot, ringing=rung)
         return motion[self.derivative][::finer]
-
-    @property
-    def _finer(self) -> int:
-        return steps(self.seen.fastest, self.dt)
 
     def step(
         self, state: Array, here: Array, moves: bool

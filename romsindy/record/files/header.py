@@ -193,7 +193,7 @@ def columns_of(
     _refuse_other_width(above, rows, delimiter, width)
     if not rows:
         return [named(str(k + 1), _NONE) for k in range(width)]
-    timed = [k for k, (_, cells) in enumerate(rows) if _has_time(cells)]
+    timed = [k for k, (_, cells) in enumerate(rows) if any(named(c, _NONE).is_time for c in cells)]
     at = timed[-1] if timed else len(rows) - 1
     if not timed and at > 0 and any(map(_is_unit, rows[at][1])):
         at -= 1
@@ -236,10 +236,6 @@ def _splits(line: str, delimiter: str | None) -> Iterator[list[str]]:
     if delimiter is None or _is_comment(line):
         yield re.findall(r"\S+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?", text)
         yield [cell.strip() for cell in re.split(r"\s{2,}|\t|[,;]", text)]
-
-
-def _has_time(cells: Sequence[str]) -> bool:
-    return any(named(cell, _NONE).is_time for cell in cells)
 
 
 def _is_unit(cell: str) -> bool:
