@@ -38,35 +38,16 @@ from romsindy.text import bar
 
 @dataclass(frozen=True, eq=False)
 class StaticCurve:
-    """Shapes of a beam along one mode, and what a motion along them feels.
-
-    Attributes
-    ----------
-    beam : BeamStructure
-    basis : ModalBasis
-        The modes about the equilibrium.
-    mode : int
-        Number of the mode that is forced.
-    reach : float
-        Largest coordinate of interest, kg^0.5 m.
-    q : (n,) array
-        Coordinates, ascending and with 0 among them, kg^0.5 m.
-    force : (n,) array
-        K(q), kg^0.5 m/s^2.
-    shapes : (n, n_nodes, 3) array
-        Displacements (u, w, theta) from the straight rest, m, m, rad.
-    tangents : (n, n_nodes, 3) array
-        Their derivatives with respect to q.
-    """
+    """Shapes of a beam along one mode, and what a motion along them feels."""
 
     beam: BeamStructure
-    basis: ModalBasis
-    mode: int
-    reach: float
-    q: np.ndarray
-    force: np.ndarray
-    shapes: np.ndarray
-    tangents: np.ndarray
+    basis: ModalBasis  # about the equilibrium
+    mode: int  # number of the one that is forced
+    reach: float  # largest coordinate of interest, kg^0.5 m
+    q: np.ndarray  # (n,), ascending and with 0 among them, kg^0.5 m
+    force: np.ndarray  # (n,), K(q), kg^0.5 m/s^2
+    shapes: np.ndarray  # (n, n_nodes, 3), (u, w, theta) from the straight rest, m, m, rad
+    tangents: np.ndarray  # (n, n_nodes, 3), their derivatives by q
 
     def __repr__(self) -> str:
         return (

@@ -106,24 +106,13 @@ class _Best(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """What a regression in windows has found.
+    """What a regression in windows has found."""
 
-    Attributes
-    ----------
-    optimizer : BaseOptimizer
-        Fitted; `model` has those of its terms that are not 0.
-    model : CoupledModel or ReducedModel
-    terms : tuple of Term
-        Of the columns; inputs come last.
-    rows : WindowRows
-    mode_shapes : (c, R) array
-    """
-
-    optimizer: BaseOptimizer
+    optimizer: BaseOptimizer  # fitted; `model` has those of its terms that are not 0
     model: Equations
-    terms: tuple[Term, ...]
+    terms: tuple[Term, ...]  # of the columns; inputs come last
     rows: WindowRows
-    mode_shapes: Array
+    mode_shapes: Array  # (c, R)
 
 
 def regressed(

@@ -35,26 +35,13 @@ class SimulatorError(ValueError):
 
 @dataclass(frozen=True)
 class SimulatedDecay:
-    """One simulated decay.
+    """One simulated decay."""
 
-    Attributes
-    ----------
-    release : float
-        What was asked, unit of the records.
-    values : dict of str to float
-        Values of the simulator that were asked for, where they are not its own.
-    forced : bool
-        Whether a force was added.
-    t : (n,) array
-        s, from the release on.
-    displacements : (n, n_sensors) array
-    """
-
-    release: float
-    values: Mapping[str, float]
-    forced: bool
-    t: Array
-    displacements: Array
+    release: float  # what was asked, unit of the records
+    values: Mapping[str, float]  # that were asked for, where they are not its own
+    forced: bool  # whether a force was added
+    t: Array  # (n,), s, from the release on
+    displacements: Array  # (n, n_sensors)
 
     def at(self, t: Array, derivative: int = 0) -> Array:
         """Displacements, or their derivatives, at times within (s), (m, n_sensors)."""

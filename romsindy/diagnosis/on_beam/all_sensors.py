@@ -85,21 +85,11 @@ class SimulatedReadings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TriedOnBeam:
-    """An explanation that a beam was simulated with, at one point or at several.
+    """An explanation that a beam was simulated with, at one point or at several."""
 
-    Attributes
-    ----------
-    names : frozenset of str
-        What it says.
-    at : (n_points,) array or None
-        Points of the one effect that can be anywhere, m.
-    left : (m, n_points) array
-        What it leaves of the sensors over the noise, at each of the points: see `left_of`.
-    """
-
-    names: frozenset[str]
-    at: Array | None
-    left: Array
+    names: frozenset[str]  # what it says
+    at: Array | None  # (n_points,), those of the one effect that can be anywhere, m
+    left: Array  # (m, n_points), of the sensors over the noise at each of the points: see `left_of`
 
     @property
     def points(self) -> Array:

@@ -109,28 +109,15 @@ class Beginning(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnSimulator:
-    """A simulator as what a diagnosis simulates, see `structure.SimulatedStructure`.
-
-    Attributes
-    ----------
-    simulator : Simulator
-    shape : (n_sensors,) array
-        Of the slow mode at the channels, 1 at the first.
-    values : dict of str to float
-        Values of the simulator as they were assumed.
-    scale : ForceScale or None
-        What a force at its point does to the coordinate; None where it takes none.
-    reach : pair of float
-        Largest displacement and velocity of the coordinate.
-    released : list of pairs
-        Releases, and where the coordinate began.
-    """
+    """A simulator as what a diagnosis simulates, see `structure.SimulatedStructure`."""
 
     simulator: Simulator
-    shape: Array
-    values: Mapping[str, float]
+    shape: Array  # (n_sensors,), of the slow mode at the channels, 1 at the first
+    values: Mapping[str, float]  # as they were assumed
+    # What a force at its point does to the coordinate; None where it takes none
     scale: ForceScale | None = None
-    reach: tuple[float, float] = (0.0, 0.0)
+    reach: tuple[float, float] = (0.0, 0.0)  # largest displacement and velocity of the coordinate
+    # Releases, and where the coordinate began
     released: list[tuple[float, float]] = field(default_factory=list)
 
     failures: ClassVar[tuple[type[Exception], ...]] = (SimulatorError, TrajectoryError)

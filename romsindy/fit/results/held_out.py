@@ -19,17 +19,10 @@ _LEAST = 8  # samples that are predicted
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The end of a record, and its prediction.
-
-    Attributes
-    ----------
-    vibration : ForcedVibration
-    forecast : Forecast
-        With its 95 % band; nan where the model has no motion that long.
-    """
+    """The end of a record, and its prediction."""
 
     vibration: ForcedVibration
-    forecast: Forecast
+    forecast: Forecast  # with its 95 % band; nan where the model has no motion that long
 
     @classmethod
     def of(cls, fit: Estimate, vibration: ForcedVibration) -> HeldOut:

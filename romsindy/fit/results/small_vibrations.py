@@ -15,31 +15,18 @@ from romsindy.typing import Array
 
 @dataclass(frozen=True, eq=False)
 class SmallVibration:
-    """One mode of small vibrations, and the vibration of the decays that is near it.
+    """One mode of small vibrations, and the vibration of the decays that is near it."""
 
-    Attributes
-    ----------
-    number : int
-        Of the mode, by frequency, from 1.
-    coordinate : int
-        That it moves most, from 1.
-    frequency, frequency_std : float
-        Of small vibrations, Hz, with its standard error.
-    damping_ratio, damping_ratio_std : float
-    measured_amplitude : (n,) array
-        Of the coordinate, as it was followed in all decays; unit of q.
-    measured_frequency : (n,) array
-        At these amplitudes, Hz; the other coordinates move it, too.
-    """
-
-    number: int
-    coordinate: int
+    number: int  # of the mode, by frequency, from 1
+    coordinate: int  # that it moves most, from 1
+    # Of small vibrations, Hz and without unit, with standard errors
     frequency: float
     frequency_std: float
     damping_ratio: float
     damping_ratio_std: float
+    # (n,), of the coordinate, as it was followed in all decays; unit of q
     measured_amplitude: Array
-    measured_frequency: Array
+    measured_frequency: Array  # (n,), at these amplitudes, Hz; the other coordinates move it, too
 
 
 def small_vibrations(fit: Estimate, records: Sequence[Prepared]) -> tuple[SmallVibration, ...]:
