@@ -28,24 +28,13 @@ _SAMPLES = 256  # of a turn
 
 @dataclass(frozen=True)
 class EffectFamily:
-    """What the data do not tell apart, and what all of it does to the mode.
+    """What the data do not tell apart, and what all of it does to the mode."""
 
-    Attributes
-    ----------
-    name : "linear damping" or "linear frequency"
-    assumed, found : float
-        Damping ratio, or frequency in Hz, of small vibrations: of the simulation, and with what is
-        likeliest.
-    error : float
-        Standard error of what was found: the least of all members.
-    rivals : tuple of Hypothesis
-        In the order in which an engineer tries them.
-    """
-
-    name: str
-    assumed: float
-    found: float
-    error: float
+    name: str  # "linear damping" or "linear frequency"
+    assumed: float  # damping ratio, or frequency in Hz, of small vibrations, of the simulation
+    found: float  # the same with what is likeliest
+    error: float  # standard error of that: the least of all members
+    # In the order in which an engineer tries them
     rivals: tuple[Hypothesis, ...] = field(repr=False)
 
     @classmethod

@@ -49,30 +49,15 @@ _GROWN = 1.5  # a motion that goes so far beyond its release escapes
 
 @dataclass(frozen=True)
 class Experiment:
-    """A test that could be made: the largest release so far with something changed.
+    """A test that could be made: the largest release so far with something changed."""
 
-    Attributes
-    ----------
-    words : str
-        What to do; "{amplitude}" stands for the amplitude of the release.
-    cost : float
-        In repetitions of that release.
-    amplitude : float
-        Of the release over the largest so far; negative for one to the other side.
-    duration, noise : float
-        Of the record and of its noise over those of the largest.
-    repetitions : int
-    wait : float
-        From the end of the last record so far on, in lengths of the largest, where all records
-        share one clock.
-    """
-
-    words: str
-    cost: float
-    amplitude: float = 1.0
-    duration: float = 1.0
-    noise: float = 1.0
+    words: str  # what to do; "{amplitude}" stands for that of the release
+    cost: float  # in repetitions of that release
+    amplitude: float = 1.0  # over the largest so far; negative to the other side
+    duration: float = 1.0  # of the record over that of the largest
+    noise: float = 1.0  # over that of the largest
     repetitions: int = 1
+    # From the end of the last record so far, in lengths of the largest, where all share a clock
     wait: float = 1.0
 
     def action(self, largest: float, unit: str | None) -> str:
@@ -169,24 +154,13 @@ class WithoutMotion(Advice):
 
 @dataclass(frozen=True)
 class MoreOfIt:
-    """The test to make next where nothing explains the data.
-
-    Attributes
-    ----------
-    test : Experiment
-    action : str
-        What to do, in words.
-    loud, quiet : float
-        What is left over the noise above and below an amplitude, see `Gap.loud_and_quiet`.
-    half : str
-        That amplitude, with its unit.
-    """
+    """The test to make next where nothing explains the data."""
 
     test: Experiment
-    action: str
-    loud: float
-    quiet: float
-    half: str
+    action: str  # what to do, in words
+    loud: float  # what is left over the noise above an amplitude, see `Gap.loud_and_quiet`
+    quiet: float  # the same below it
+    half: str  # that amplitude, with its unit
     odds: None = None  # between what was refused mean nothing
     rivals: tuple[str, ...] = ()
 

@@ -31,25 +31,15 @@ def some_points(beam: BeamStructure, usual: float | None) -> list[float | None]:
 
 @dataclass(frozen=True)
 class PlaceOnBeam:
-    """Where an effect acts, m.
+    """Where an effect acts, m."""
 
-    Attributes
-    ----------
-    at : float
-        The likeliest point.
-    low, high : float
-        `PLACE_ERRORS` standard errors to either side.
-    length : float
-        Of the beam.
-    strengths : tuple of float
-        Of the effect, were it at ``low`` and at ``high``, with their 95 % errors outwards; empty
-        where it was not found again.
-    """
-
-    at: float
+    at: float  # the likeliest point
+    # `PLACE_ERRORS` standard errors to either side
     low: float
     high: float
-    length: float
+    length: float  # of the beam
+    # Of the effect, were it at ``low`` and at ``high``, with their 95 % errors outwards; empty
+    # where it was not found again
     strengths: tuple[float, ...] = ()
 
     @property

@@ -85,28 +85,16 @@ class PositionError(Gain):
 
 @dataclass(frozen=True)
 class Adjusted:
-    """A parameter that followed the data within its tolerance.
-
-    Attributes
-    ----------
-    name, unit : str
-    tolerance : float
-        The standard deviation that was given.
-    change, std : float
-        What became of it, beside all others.
-    alone : float
-        What it would have to be, were it the only one that is wrong.
-    left : float
-        By how much chi-square would rise then.
-    """
+    """A parameter that followed the data within its tolerance."""
 
     name: str
     unit: str
-    tolerance: float
+    tolerance: float  # the standard deviation that was given
+    # What became of it, beside all others
     change: float
     std: float
-    alone: float
-    left: float
+    alone: float  # what it would have to be, were it the only one that is wrong
+    left: float  # by how much chi-square would rise then
 
     def __str__(self) -> str:
         way = "up" if self.alone > 0 else "down"

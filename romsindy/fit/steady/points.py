@@ -21,29 +21,16 @@ _PER_LEVEL = 4  # points on the mean: with fewer, the force is no level but diff
 
 @dataclass(frozen=True, eq=False)
 class SteadyPoints:
-    """Steady states under force Re(F exp(i omega t)), one each row.
+    """Steady states under force Re(F exp(i omega t)), one each row."""
 
-    Attributes
-    ----------
-    frequency : (n,) array
-        Angular, rad/s.
-    force : (n,) array of complex
-        As measured, in its own unit; the amplitude where phases are not known.
-    q : (n, H) array of complex
-        Harmonics 1 ... H of q; the amplitude of the first where phases are not known.
-    std : (n, H) array
-        Standard deviation of the real and of the imaginary part of q; 0 where it is not known.
-    phased : bool
-        Whether phases are known.
-    measured : str
-        "displacement", "velocity" or "acceleration".
-    """
-
-    frequency: Array
+    frequency: Array  # (n,), angular, rad/s
+    # (n,), as measured, in its own unit; the amplitude where phases are not known
     force: NDArray[np.complex128]
+    # (n, H), harmonics 1 ... H; the amplitude of the first where phases are not known
     q: NDArray[np.complex128]
+    # (n, H), standard deviation of the real and of the imaginary part of q; 0 where it is not known
     std: Array
-    phased: bool
+    phased: bool  # whether phases are known
     measured: Quantity
 
     @classmethod
