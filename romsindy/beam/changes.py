@@ -168,11 +168,8 @@ class ExtraTension:
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with its spring tightened.
 
-        Raises
-        ------
-        ValueError
-            If the beam has not exactly one spring, or it would have to be shorter
-            than nothing.
+        Raises a ValueError if the beam has not exactly one spring, or it would have to be shorter
+        than nothing.
         """
         spring = find_spring(beam)
         natural = spring.natural_length - self.tension / spring.stiffness
@@ -203,10 +200,7 @@ class ClampCompliance:
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with its left clamp on a softer rotational spring.
 
-        Raises
-        ------
-        ValueError
-            If the left end turns freely.
+        Raises a ValueError if the left end turns freely.
         """
         u, w, theta = beam.left.fixed
         stiffness = beam.left.rotational_stiffness

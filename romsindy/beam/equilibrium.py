@@ -263,10 +263,7 @@ class ModalBasis:
     def index(self, mode: int) -> int:
         """Return the row of mode 1, 2, ...
 
-        Raises
-        ------
-        ValueError
-            For a mode that is not in the basis.
+        Raises a ValueError for a mode that is not in the basis.
         """
         if not 1 <= mode <= len(self.omega):
             raise ValueError(
@@ -296,11 +293,8 @@ class ModalBasis:
     def project(self, motion: Recorded, mode: int = 1) -> Decay:
         """Return q, q_dot, q_ddot of one mode of a motion.
 
-        Raises
-        ------
-        ValueError
-            For a mode that does not exist, or a motion that was recorded in other modes and
-            without its full field.
+        Raises a ValueError for a mode that does not exist, or a motion that was recorded in other
+        modes and without its full field.
         """
         column = self.index(mode)
         q, q_dot, q_ddot = motion.modal(self)

@@ -49,12 +49,8 @@ class _Driver(ABC):
     def values(self, t: np.ndarray) -> np.ndarray:
         """Return the history at the times t, (n,).
 
-        Raises
-        ------
-        TypeError
-            For a function that does not take an array of times.
-        ValueError
-            For values that are not finite or not one for each time, or times without samples.
+        Raises a TypeError for a function that does not take an array of times, and a ValueError for
+        values that are not finite or not one for each time, or times without samples.
         """
         try:
             values = np.asarray(self._function(t), float)
@@ -174,19 +170,8 @@ class BaseAcceleration(_Driver):
 class Excitation:
     """All that drives a beam: the nodal load sum_k f_k(t) p_k, whatever the beam does.
 
-    Parameters
-    ----------
-    assembly : Assembly
-        The beam.
-    force : PointForce, a history, or a sequence of these, optional
-        A history alone acts transversely at the right end.
-    base : BaseAcceleration, or a history, optional
-        A history alone is transverse.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `PointForce` and its `load` do.
+    A force that is a history alone acts transversely at the right end, a base transversely. Raises
+    what `PointForce` and its `load` do.
     """
 
     def __init__(

@@ -89,10 +89,7 @@ class SensorArray:
     ) -> np.ndarray:
         """Return the first `modes` mode shapes at the sensors, (n_channels, modes).
 
-        Raises
-        ------
-        ValueError
-            If there are fewer sensors than modes, or the basis has fewer modes.
+        Raises a ValueError if there are fewer sensors than modes, or the basis has fewer modes.
         """
         basis.index(modes)
         if modes > len(self.sensors):
@@ -257,10 +254,8 @@ class Motion:
     def modal(self, basis: ModalBasis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q, q_dot, q_ddot, (n_samples, n_modes) each, in the modes of `basis`.
 
-        Raises
-        ------
-        ValueError
-            If the motion was recorded in other modes, or fewer, and its full field was not kept.
+        Raises a ValueError if the motion was recorded in other modes, or fewer, and its full field
+        was not kept.
         """
         if self.field is not None:
             shape = (len(self.t), *basis.shapes.shape[1:])
@@ -280,10 +275,7 @@ class Motion:
 
         `rows`, (n_rows, n_nodes * 3), are those of a `SensorArray`.
 
-        Raises
-        ------
-        ValueError
-            If the motion did not record these sensors.
+        Raises a ValueError if the motion did not record these sensors.
         """
         if self.field is not None:
             rest = self.basis.equilibrium.displacement.ravel()

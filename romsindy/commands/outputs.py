@@ -101,12 +101,7 @@ def default_page(name: str, remedy: str = "name another with --report") -> Path:
 
 
 def claim_folder(folder: Path, page: str) -> None:
-    """Refuse a folder with files, unless this command wrote its page there before.
-
-    Raises
-    ------
-    click.UsageError
-    """
+    """Raise a UsageError for a folder with files, unless this command wrote its page there."""
     ctx = click.get_current_context()
     if ctx.meta[_FORCE] or not folder.is_dir() or not any(folder.iterdir()):
         return

@@ -149,12 +149,7 @@ class FormError:
     def of(cls, model: ReducedModel, reference: Decay, floor: float) -> FormError:
         """What a model needs on the record that it was identified from.
 
-        Parameters
-        ----------
-        model : ReducedModel
-        reference : Decay
-        floor : float
-            Least noise, as a part of the largest amplitude.
+        The ``floor`` is the least noise, as a part of the largest amplitude.
 
         Raises a ValueError if the model has no motion near the record.
         """

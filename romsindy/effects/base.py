@@ -201,10 +201,7 @@ class TermEffect(Effect):
     def term(self) -> Term:
         """The law with the fields of the effect; the effect itself, where it derives from one.
 
-        Raises
-        ------
-        TypeError
-            If the effect names no law, is none and returns none.
+        Raises a TypeError if the effect names no law, is none and returns none.
         """
         if self.law is not None:
             shared = {f.name for f in fields(self.law)} & vars(self).keys()  # type: ignore[arg-type]
@@ -244,10 +241,7 @@ class TermEffect(Effect):
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Load | PointMass:
         """The law as a load, at ``mounting`` or where the effect usually is.
 
-        Raises
-        ------
-        ValueError
-            If neither says where it acts; and as `Load`.
+        Raises a ValueError if neither says where it acts; and as `Load`.
         """
         where = mounting or self.mounting
         if where is None:

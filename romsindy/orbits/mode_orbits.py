@@ -115,19 +115,9 @@ def _reach(family: FreeFamily, x: Array) -> Array:
 def mode_orbits(model: Equations, amplitudes: Array, mode: int) -> ModeOrbits:
     """Follow a mode from small amplitudes on, without damping, to orbits at some of them.
 
-    Parameters
-    ----------
-    model : CoupledModel
-        Its damping is left out.
-    amplitudes : (n,) array
-        Half peak to peak of the coordinate that moves most in the linear mode, unit of q.
-    mode : int
-        By frequency, from 1.
-
-    Returns
-    -------
-    ModeOrbits
-        Without those that the branch does not reach before it turns back.
+    The damping of the model is left out. Amplitudes, (n,), are half peak to peak of the coordinate
+    that moves most in the linear mode, unit of q; modes count from 1, by frequency. Orbits that the
+    branch does not reach before it turns back are not there.
 
     Raises a ValueError if an amplitude is not positive, the model has no such mode, or inertia
     without an energy; a ContinuationError if the branch ends where it has hardly begun.

@@ -228,10 +228,7 @@ class PolynomialTerm(CoupledTerm):
 class MixedStiffness(PolynomialTerm):
     """A potential q1^a q2^b ...: its force on q_i is its derivative.
 
-    Raises
-    ------
-    ValueError
-        If the powers are not whole numbers of at least 0, or their sum is below 2.
+    Raises a ValueError if the powers are not whole numbers of at least 0, or their sum is below 2.
     """
 
     powers: Powers
@@ -268,10 +265,7 @@ class SlavedInertia(PolynomialTerm):
     add J^T J with J = dg/dq to M(q) ([1]). The coefficient is the product of the shapes of two such
     powers, or the square of one.
 
-    Raises
-    ------
-    ValueError
-        If powers are not whole numbers of at least 0, or their sum is below 2.
+    Raises a ValueError if powers are not whole numbers of at least 0, or their sum is below 2.
     """
 
     first: Powers
@@ -342,10 +336,8 @@ class MixedDamping(PolynomialTerm):
 
     Rows and columns count from 1.
 
-    Raises
-    ------
-    ValueError
-        If a row or column is no whole number from 1 to 9, or a power none of at least 0.
+    Raises a ValueError if a row or column is no whole number from 1 to 9, or a power none of at
+    least 0.
     """
 
     row: int

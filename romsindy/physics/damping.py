@@ -122,10 +122,7 @@ class PositionDamping(ForceLaw):
 
     Odd powers damp one side of the motion more than the other.
 
-    Raises
-    ------
-    ValueError
-        If the power is not a whole number of at least 1.
+    Raises a ValueError if the power is not a whole number of at least 1.
     """
 
     power: int
@@ -197,10 +194,7 @@ class FrictionLaw(ForceLaw):
     def regularised(self, velocity_scale: float) -> FrictionLaw:
         """Friction without its jump: viscous creep where it sticks.
 
-        Raises
-        ------
-        ValueError
-            If the velocity scale (unit of q per second) is not positive.
+        Raises a ValueError if the velocity scale (unit of q per second) is not positive.
         """
         if not velocity_scale > 0:
             raise ValueError(f"velocity_scale = {velocity_scale!r} must be positive")

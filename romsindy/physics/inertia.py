@@ -17,10 +17,7 @@ class Inertia(Term):
     s = 2 for even k, so that the coefficient is the paper's Upsilon_k. The kinetic energy behind
     it is s q^(k-1) q_dot^2 / 2. [1]: see `romsindy.physics.term`.
 
-    Raises
-    ------
-    ValueError
-        If the order is below 2.
+    Raises a ValueError if the order is below 2.
     """
 
     order: int

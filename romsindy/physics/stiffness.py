@@ -38,10 +38,7 @@ class Stiffness(ForceLaw):
     A degree that is no whole number gives |q|^m sign(q), and so does an even one where the force is
     ``odd``: joints that slip soften by |q| q.
 
-    Raises
-    ------
-    ValueError
-        If the degree is below 1.
+    Raises a ValueError if the degree is below 1.
     """
 
     degree: float

@@ -83,15 +83,10 @@ def vertex(before: Array | float, here: Array | float, after: Array | float) -> 
 
 
 def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:
-    """Add white noise to every channel.
+    """Add white noise to every channel of x, (n,) or (n, n_channels).
 
-    Parameters
-    ----------
-    x : (n,) or (n, n_channels) array
-    snr_db : float
-        Ratio of the rms of a channel over the whole record to that of its noise, in dB.
-    seed : int, optional
-        None draws other noise every time.
+    The ratio ``snr_db`` is that of the rms of a channel over the whole record to that of its noise,
+    in dB. Without a seed other noise is drawn every time.
 
     Raises a ValueError if the ratio is not finite.
     """

@@ -137,12 +137,7 @@ def _told(
 def variance_of(ratio: float, rate: float, duration: float, dt: float) -> float:
     """Of the frequency, and of the rate, (rad/s)^2, of a mode that dies in white noise.
 
-    Parameters
-    ----------
-    ratio : float
-        Its amplitude over the noise.
-    rate, duration, dt : float
-        1/s, at which it dies; of the record and between samples, s.
+    The ``ratio`` is that of its amplitude to the noise, ``rate`` (1/s) that at which it dies.
     """
     t = np.linspace(0.0, duration, max(int(duration / dt), 2))
     w = np.exp(-2 * rate * t) * (t[1] - t[0])

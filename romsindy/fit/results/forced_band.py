@@ -211,32 +211,12 @@ def forced_band(
 
     A `UserWarning` says where there is no band, beyond the amplitudes of the data.
 
-    Parameters
-    ----------
-    model : ReducedModel
-    force : float
-        Amplitude per unit mass.
-    frequency : (float, float)
-        Range, rad/s.
-    names : tuple of str
-        Coefficients with errors.
-    covariance : (m + 1, m + 1) array
-        Of these coefficients, and last of the force, relative to it.
-    rate : int
-        How often q is differentiated to give what is measured.
-    noise : float
-        Standard deviation of a measured amplitude.
-    n_points : int
-        Of the uniform frequencies.
-    n_harmonics, velocity_scale
-        As those of `romsindy.forced_response`.
-    notes : sequence of str
-        What else the band does not know.
-    goes_on : bool
-        See `ForcedBand`.
-    form : (2, 3) array
-        Errors of form, as standard deviations of linear stiffness, linear damping and force,
-        relative to it: within the data, and of what grows beyond (`romsindy.fit.process_noise`).
+    The ``covariance``, (m + 1, m + 1), is that of the coefficients with these ``names``, and last
+    of the force, relative to it. What is measured is q differentiated ``rate`` times, with an
+    amplitude of standard deviation ``noise``. ``form``, (2, 3), are errors of form, as standard
+    deviations of linear stiffness, linear damping and force, relative to it: within the data, and
+    of what grows beyond (`romsindy.fit.process_noise`). ``notes`` are what else the band does not
+    know; all others are as in `romsindy.forced_response` and `ForcedBand`.
     """
     low, high = sorted(frequency_range(frequency))
     reach = _MARGIN * (high - low)

@@ -78,10 +78,8 @@ def reader(first: str) -> Callable[[str], float]:
 
     Seconds since year 1 would keep no microseconds in a float.
 
-    Raises
-    ------
-    ValueError
-        By that function, if a cell is no stamp, or its day cannot be told from the first one's.
+    Raises a ValueError by that function, if a cell is no stamp, or its day cannot be told from the
+    first one's.
 
     >>> read = reader("31.12.2023 23:59:59")
     >>> read("01.01.2024 00:00:00,25"), read("31.12.2023 11:59:59 PM"), read("00:01.5")
