@@ -43,18 +43,10 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class SensorArray:
-    """Sensors on a beam.
+    """Sensors on a beam."""
 
-    Attributes
-    ----------
-    sensors : tuple of Sensor
-        The sensors, one channel each.
-    rows : (n_channels, n_nodes * 3) array
-        What each reads of the nodal displacements.
-    """
-
-    sensors: tuple[Sensor, ...]
-    rows: np.ndarray
+    sensors: tuple[Sensor, ...]  # one channel each
+    rows: np.ndarray  # (n_channels, n_nodes * 3), what each reads of the nodal displacements
 
     @property
     def labels(self) -> list[str]:
@@ -153,25 +145,15 @@ def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> Sens
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Energies over time, J, relative to the equilibrium without excitation.
+    """Energies over time, J, (n_samples,), relative to the equilibrium without excitation."""
 
-    Attributes
-    ----------
-    kinetic, strain : (n_samples,) arrays
-        Of beam and masses; stored in the beam and in elastic clamps.
-    potential : (n_samples,) array
-        Of gravity and of the effects that store energy (springs, magnets, stops).
-    dissipated : (n_samples,) array
-        What damping and dissipative effects have taken since the start.
-    work : (n_samples,) array
-        What the excitation has put in since the start; of a moving base, that of the inertial
-        force in its frame.
-    """
-
-    kinetic: np.ndarray
-    strain: np.ndarray
+    kinetic: np.ndarray  # of beam and masses
+    strain: np.ndarray  # stored in the beam and in elastic clamps
+    # Of gravity and of the effects that store energy (springs, magnets, stops)
     potential: np.ndarray
-    dissipated: np.ndarray
+    dissipated: np.ndarray  # what damping and dissipative effects have taken since the start
+    # What the excitation has put in since the start; of a moving base, that of the inertial force
+    # in its frame
     work: np.ndarray
 
     @property

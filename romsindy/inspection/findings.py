@@ -25,23 +25,12 @@ _BEGINS = 0.75
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel, beside everything that rings.
-
-    Attributes
-    ----------
-    channel : str
-    rms : float
-        Unit of the samples.
-    ratio : float
-        Rms of the loudest release over it, in dB.
-    rings : bool
-        Whether it holds anything but noise, of whatever colour.
-    """
+    """Noise of one channel, beside everything that rings."""
 
     channel: str
-    rms: float
-    ratio: float
-    rings: bool
+    rms: float  # unit of the samples
+    ratio: float  # rms of the loudest release over it, in dB
+    rings: bool  # whether it holds anything but noise, of whatever colour
 
 
 @dataclass(frozen=True, eq=False)

@@ -221,19 +221,11 @@ class Release:
 
 @dataclass(frozen=True)
 class Discarded:
-    """A part of a recording that is no free decay.
+    """A part of a recording that is no free decay."""
 
-    Attributes
-    ----------
-    start, end : float
-        First and last sample, s of the recording's clock.
-    reason : str
-        Why it is left out.
-    """
-
-    start: float
-    end: float
-    reason: str
+    start: float  # first sample, s of the clock of the recording
+    end: float  # last sample
+    reason: str  # why it is left out
 
 
 @dataclass(frozen=True)

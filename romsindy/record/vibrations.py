@@ -187,25 +187,14 @@ class Vibration:
 
 @dataclass(frozen=True)
 class Resonance:
-    """Two vibrations whose frequencies are near p : q somewhere.
+    """Two vibrations whose frequencies are near p : q somewhere."""
 
-    Attributes
-    ----------
-    lower, higher : int
-        Numbers of the vibrations, from 0.
-    p, q : int
-    ratio : float
-        Higher over lower frequency where it is nearest to q / p.
-    amplitude : float
-        Of the displacement of the lower one there.
-    """
-
-    lower: int
-    higher: int
+    lower: int  # number of the slower vibration, from 0
+    higher: int  # of the faster one
     p: int
     q: int
-    ratio: float
-    amplitude: float
+    ratio: float  # higher over lower frequency where it is nearest to q / p
+    amplitude: float  # of the displacement of the lower one there
 
     @property
     def off(self) -> float:
