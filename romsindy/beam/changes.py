@@ -12,15 +12,9 @@ from romsindy.physics.validation import require_finite, require_positive
 
 @dataclass(frozen=True)
 class _Change:
-    """One number; ``applied_to`` returns a beam that is changed by it.
+    """One number; ``applied_to`` returns a beam that is changed by it."""
 
-    Parameters
-    ----------
-    change : float
-        Of a parameter in its unit, or relative to it: 0.01 is one per cent more.
-    """
-
-    change: float
+    change: float  # of a parameter in its unit, or relative to it: 0.01 is one per cent more
 
 
 class _OfSection(_Change):

@@ -19,7 +19,7 @@ from romsindy.physics.equations import Equations
 from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import table
 from romsindy.record.files import load_forced
-from romsindy.record.forced import ForcedVibration
+from romsindy.record.forced import ForcedVibration, input_names
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.record.recording import QUANTITIES
 
@@ -292,12 +292,9 @@ class Inputs:
 
         Raises a ValueError if the file cannot be understood, or does not hold these inputs.
         """
-        counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
-        pairs = zip(self.inputs, counts, strict=True)
-        names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
         return load_forced(
             file,
-            names,
+            input_names(self.inputs),
             input_column=self.input_column or None,
             input_unit=self.unit_input or None,
             interpolation=self.interpolation,

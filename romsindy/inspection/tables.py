@@ -10,6 +10,7 @@ import numpy as np
 
 from romsindy.inspection.findings import Findings
 from romsindy.inspection.modes import Mode
+from romsindy.record.forced import input_names
 from romsindy.text import TextTable, aligned, as_options, listed, quantity, span
 
 # Rows that are printed where not all are asked for.
@@ -192,10 +193,7 @@ def _driven_step(found: Findings, command: str) -> str:
         inputs = "".join(f" --input {kind}" for kind in kinds)
         alone = f" --column {shlex.quote(found.channel)}" * (len(found.recording.names) > 1)
         return f"{command}{alone}{inputs} --select"
-    counts = [kinds[: i + 1].count(kind) for i, kind in enumerate(kinds)]
-    pairs = zip(kinds, counts, strict=True)
-    names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
-    return f"rs.identify(rs.load_forced({found.recording.source!r}, {names}))"
+    return f"rs.identify(rs.load_forced({found.recording.source!r}, {input_names(kinds)}))"
 
 
 # -- rows ---------------------------------------------------------------------------------------

@@ -217,6 +217,13 @@ def _clipped_note(name: str, u: Array) -> str:
     )
 
 
+def input_names(kinds: Sequence[str]) -> list[str]:
+    """Names of inputs of some kinds, such as "force" and "force 2" for two forces."""
+    counts = [kinds[: i + 1].count(kind) for i, kind in enumerate(kinds)]
+    pairs = zip(kinds, counts, strict=True)
+    return [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
+
+
 def recorded_input(x: Array, dt: float, name: str, kind: str) -> RecordedInput:
     """What an input does, by its samples (n,) every ``dt`` seconds; NaN where one is missing."""
     x = np.where(np.isfinite(x), x, 0.0)

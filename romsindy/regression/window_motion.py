@@ -119,10 +119,11 @@ class WindowMotion:
         vibration: ForcedVibration | None,
         shapes: Array,
         oscillators: Oscillators,
-        scale: Array,
         cycles: float,
+        weighted: bool,
     ) -> WindowMotion:
         """Start from the motion of the record, windows of so many of the longest cycles."""
+        scale = np.array([noise.std if weighted else 1.0 for noise in record.noises])
         dt, rate = record.decay.dt, oscillators.omega / (2 * np.pi)
         factor = int(np.ceil(_STEPS * rate.max() * dt))
         width = min(round(cycles / (rate.min() * dt)), len(record.t))

@@ -298,26 +298,16 @@ def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
 def _followed(
     records: Sequence[CoupledRecord], projection: WindowProjection, weighted: bool
 ) -> list[WindowMotion]:
-    oscillators = Oscillators.of(records)
-    scales = [[n.std if weighted else 1.0 for n in record.noise] for record in records]
-    return [
-        WindowMotion.of(
-            record, None, record.shapes, oscillators, np.array(scale), projection.cycles
-        )
-        for record, scale in zip(records, scales, strict=True)
-    ]
+    given = Oscillators.of(records), projection.cycles, weighted
+    return [WindowMotion.of(record, None, record.shapes, *given) for record in records]
 
 
 def _followed_forced(
     vibrations: Sequence[ForcedVibration], projection: WindowProjection, weighted: bool
 ) -> list[WindowMotion]:
     records = [ForcedRecord.of(v, NUMERICS) for v in vibrations]
-    oscillators, alone = _oscillators(records), np.ones((1, 1))
-    scales = [np.array([record.noise.std if weighted else 1.0]) for record in records]
-    return [
-        WindowMotion.of(record, record.decay, alone, oscillators, scale, projection.cycles)
-        for record, scale in zip(records, scales, strict=True)
-    ]
+    given = _oscillators(records), projection.cycles, weighted
+    return [WindowMotion.of(record, record.decay, np.ones((1, 1)), *given) for record in records]
 
 
 def _oscillators(records: Sequence[ForcedRecord]) -> Oscillators:
