@@ -218,13 +218,11 @@ def screened(
         for e in effect.forms(scales)
         for start in itertools.product(*(p.starts for p in e.parameters(scales)))
     ]
-    n_base = first = n_parts + 2 * model.n_coordinates * n_records
-    candidates: list[tuple[Effect, Indices]] = []
-    for trial in trials:
-        n = trial.strengths.size
-        candidates.append((trial.effect, np.arange(first, first + n)))
-        first += n
-    system = NormalEquations(n_parts, n_records, first - n_base, model.n_coordinates)
+    n_base = n_parts + 2 * model.n_coordinates * n_records
+    ends = np.cumsum([n_base, *(trial.strengths.size for trial in trials)])
+    columns = (np.arange(*pair) for pair in itertools.pairwise(ends))
+    candidates = [(trial.effect, own) for trial, own in zip(trials, columns, strict=True)]
+    system = NormalEquations(n_parts, n_records, int(ends[-1]) - n_base, model.n_coordinates)
     for i, record in enumerate(records):
         with np.errstate(all="ignore"):  # `finite` says whether they stay within reach of numbers
             where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
