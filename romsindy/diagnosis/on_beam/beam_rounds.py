@@ -51,14 +51,9 @@ _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
 
 
-def _far(record: Record, sensed: Array) -> float:
-    """How far a simulated coordinate is from a record, over its motion."""
-    return float(np.std(record.signal - sensed) / np.std(record.signal))
-
-
-def _defect(record: Record, found: Corrected) -> float:
-    """What was taken off a record, over its motion."""
-    return float(np.std(record.signal - found.decay.signal) / np.std(record.signal))
+def _far(record: Record, signal: Array) -> float:
+    """How far another signal is from a record, over its motion."""
+    return float(np.std(record.signal - signal) / np.std(record.signal))
 
 
 def _off(record: Record, sensed: Array) -> Array:
@@ -147,7 +142,7 @@ class BeamRounds(Rounds):
                 found, parts = given, ()
                 self.return_to(found)
         pairs = enumerate(zip(self.records, found, strict=True))
-        clear = [i for i, pair in pairs if _defect(*pair) < _LOUD]
+        clear = [i for i, (record, own) in pairs if _far(record, own.decay.signal) < _LOUD]
         if clear and clear[0] < self.n_training:
             self.clear = clear
         return found, parts
@@ -165,7 +160,7 @@ class BeamRounds(Rounds):
         """Density and damping of the mass by which the records differ from what was simulated."""
         rows = self._rows(found)[: self.n_training]
         # A record in which other modes are loud tells little of the first.
-        weights = [1 / _defect(record, own) ** 2 for record, own, _ in rows]
+        weights = [1 / _far(record, own.decay.signal) ** 2 for record, own, _ in rows]
         off = [_off(record, sensed) for record, _, sensed in rows]
         omega2, c_linear = np.average(off, axis=0, weights=weights)
         by_name = {e.name: e for e in effects}
@@ -318,7 +313,7 @@ class BeamRounds(Rounds):
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
         tried = [t for t in found if t is not None]
-        weighed = self._weighed(tried, read)
+        weighed = weigh(tried, read, self.seen)
         return dict(zip((t.names for t in tried), weighed, strict=True))
 
     def _read(self, record: Record, raw: Decay, calm: float) -> Readings:
@@ -346,7 +341,7 @@ class BeamRounds(Rounds):
                 places = told.about(places)
             tried, rings = self._at(places, h, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
-                (place,) = (heard.place for heard in self._weighed([tried], read))
+                (place,) = (heard.place for heard in weigh([tried], read, self.seen))
                 if place is None or not (finer := place.between(tried.points)):
                     break
                 near = rings[int(np.argmin(np.abs(np.subtract(places, place.at))))]
@@ -396,9 +391,6 @@ class BeamRounds(Rounds):
         given = (early, read, slack)
         tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
         return list(self.parallel(tasks))
-
-    def _weighed(self, tried: Sequence[TriedOnBeam], read: Sequence[Readings]) -> list[Heard]:
-        return weigh(tried, read, self.seen)
 
     def _start(
         self, i: int, parts: Sequence[Part], start: tuple[float, float] | None = None
