@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 from catalogue import kinds_of, page  # noqa: E402
 from fingerprint import fingerprint, plot_fingerprint  # noqa: E402
+from gallery import write_gallery  # noqa: E402
 
 project = "romsindy"
 author = "The romsindy developers"
@@ -33,7 +34,7 @@ extensions = [
     "sphinx_design",
     "matplotlib.sphinxext.plot_directive",
 ]
-exclude_patterns = ["_templates", "effects"]
+exclude_patterns = ["_templates", "effects", "pictures"]
 templates_path = ["_templates"]
 default_role = "py:obj"  # a name in single backticks links to what it names
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
@@ -56,13 +57,13 @@ html_title = "romsindy"
 html_static_path = ["_static"]
 html_css_files = ["own.css"]
 html_show_sourcelink = False
-_ALONE = ("start", "effects", "validation", "pysindy", "matlab", "moving", "changelog")
+_ALONE = ("start", "gallery", "effects", "validation", "pysindy", "matlab", "moving", "changelog")
 html_sidebars = {name: [] for name in _ALONE}  # no pages below them to list
 html_math_renderer = "mathml"
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
     "footer_start": ["copyright"],
@@ -130,6 +131,7 @@ def foreign(app: Sphinx, what: str, name: str, member: object, skip: bool, optio
 def setup(app: Sphinx) -> None:
     """Make what is made, and how equations are set."""
     write_effects()
+    write_gallery()
     copy_notebooks()
     app.connect("source-read", for_the_site)
     app.connect("autodoc-skip-member", foreign)
