@@ -127,11 +127,21 @@ def _scale(a: Array) -> Array:
     return np.where(power > 1e-300, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
 
 
+def _told_apart(a: Array) -> tuple[Array, Array]:
+    """Axes of a symmetric matrix, (n, k), and its sizes along them, those of rounding aside.
+
+    That converges always; a singular value decomposition does not.
+    """
+    sizes, axes = np.linalg.eigh(a)
+    large = np.abs(sizes) > _RANK * np.max(np.abs(sizes), initial=0.0)
+    return axes[:, large], sizes[large]
+
+
 def inverse(a: Array) -> Array:
     """Of a normal matrix, whatever its scales; 0 in directions that are not told apart."""
     scale = _scale(a)
-    scaled = a * scale * scale[:, None]
-    return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
+    axes, sizes = _told_apart(a * scale * scale[:, None])
+    return (axes / sizes) @ axes.T * scale * scale[:, None]
 
 
 def solved(a: Array, b: Array) -> Array:
@@ -144,7 +154,8 @@ def solved(a: Array, b: Array) -> Array:
     factor, failed = dpotrf(scaled)
     if not failed and dpocon(factor, np.linalg.norm(scaled, 1))[0] > _FIRM:
         return dpotrs(factor, b * wide)[0] * wide
-    return np.linalg.lstsq(scaled, b * wide, rcond=_RANK)[0] * wide
+    axes, sizes = _told_apart(scaled)
+    return (axes / sizes) @ (axes.T @ (b * wide)) * wide
 
 
 def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
