@@ -282,6 +282,11 @@ T = np.linspace(0.0, 1.0, 11)
         ({"force": (0.5 * T, T)}, ValueError, "force is nan at t = 0.501 s.*samples must cover"),
         ({"base": (T + 0.1, T)}, ValueError, "base is nan at t = 0 s.*samples must cover"),
         ({"base": 9.81}, TypeError, "base is a float: give a function of time"),
+        (
+            {"force": BaseAcceleration(np.sin)},
+            TypeError,
+            "force is a BaseAcceleration: give it as base=",
+        ),
         ({"force": "sine"}, TypeError, "force is a str: give a function of time"),
         ({"base": PointForce(np.sin)}, TypeError, "base is a PointForce"),
         ({"force": (T, T[1:])}, ValueError, r"force has times of shape \(11,\).*\(10,\)"),

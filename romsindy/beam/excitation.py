@@ -40,10 +40,11 @@ class _Driver(ABC):
         if callable(self.history):
             return self.history
         if not isinstance(self.history, tuple | list) or len(self.history) != 2:
-            raise TypeError(
-                f"{self.name} is a {type(self.history).__name__}: give a function of time, such as"
-                " lambda t: 0.1 * np.sin(60 * t), or its samples (t, values)"
-            )
+            remedy = "a function of time, such as lambda t: np.sin(60 * t), or samples (t, values)"
+            if isinstance(self.history, _Driver):
+                remedy = f"it as {self.history.name}="
+            kind = type(self.history).__name__
+            raise TypeError(f"{self.name} is a {kind}: give {remedy}")
         return partial(_between, _spline(self.name, *self.history))
 
     def values(self, t: np.ndarray) -> np.ndarray:
