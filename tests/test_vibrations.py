@@ -304,3 +304,24 @@ def test_hum_beside_a_vibration_is_no_second_one():
     hum = 0.4 * np.cos(2 * np.pi * 41 * T)
     decay = seen(tone(40, 3e-3)[0], hum, shapes=[[1.0, 0.3], [0.5, 1.0]], level=0.01)
     assert [round(v.small_frequency) for v in ringing_in([decay])] == [40]
+
+
+@pytest.mark.parametrize("omega", [14.0, 15.8, 17.0])  # rad/s; of six, no harmonic
+def test_what_rings_in_a_channel_alone_is_heard(omega):
+    t = np.arange(0, 20, 0.02)
+    x = np.exp(-0.05 * t)[:, None] * np.cos(np.outer(t, [6.0, omega])) * [1.0, 0.5]
+    found = sorted(v.small_frequency for v in ringing_in([rs.Decay(t, x)])[:2])
+    assert found == pytest.approx(np.array([6.0, omega]) / (2 * np.pi), rel=2e-3)
+
+
+def test_a_mode_alone_in_its_channel_comes_before_a_combination():
+    """q1^2 q2 rings at the difference of the frequencies, too, in the channel of q1."""
+    model = rs.CoupledModel.from_coefficients(
+        {"omega^2 [q1]": 36.0, "omega^2 [q2]": 250.0, "c_linear [q1]": 0.1, "c_linear [q2]": 0.1}
+        | {"V q1^2 q2": 5.0},
+        unit="m",
+    )
+    decay = model.simulate((1.0, 0.5), (0.0, 0.0), np.arange(0, 20, 0.02))
+    two = sorted(v.small_frequency for v in ringing_in([decay])[:2])
+    # Frequencies of the small motion follow from the largest one by a fit.
+    assert two == pytest.approx(np.sqrt([36.0, 250.0]) / (2 * np.pi), rel=5e-3)

@@ -46,6 +46,8 @@ LOUD = (0.25, 0.4)
 _REACH = 0.1
 # Power of a line of what has another shape over the median of those round it: as of any vibration.
 _OWN = 25.0
+# Of what a channel shows: it rings there, whatever rings elsewhere.
+_MOST = 0.5
 
 _Channel = tuple[list[Vibration], list[Vibration]]  # what rings, and harmonics of it
 
@@ -132,7 +134,8 @@ def _tones(x: Array, dt: float, derivative: int) -> _Channel:
 def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
     """What rings in the channel in which most does, strongest first, harmonics behind.
 
-    What is weak in one of the decays is weak: a coordinate rings in all, ghosts do not.
+    What is most of another channel is among them: a mode may ring there alone. What is weak in one
+    of the decays is weak: a coordinate rings in all, ghosts do not.
     """
     require_channels(decays, decays[0].n_channels)
     several = [_heard(d) for d in decays]
@@ -140,7 +143,11 @@ def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
     most = max(
         channels, key=lambda found: (len(found[0] + found[1]), sum(v.share for v in found[0]))
     )
-    own = [v for some in most for v in some]
+    alone, behind = [*most[0]], most[1]
+    for v in (v for rings, _ in channels for v in rings if v.share > _MOST):
+        if all(_off(v, other) >= np.log(NEAR) for other in alone + behind):
+            alone.append(v)
+    own = alone + behind
     heard = {v: np.zeros(len(decays)) for v in own}
     for i, found in enumerate(several):
         for v in (v for both in found for some in both for v in some):
@@ -148,7 +155,7 @@ def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
             if _off(v, nearest) < np.log(NEAR):
                 heard[nearest][i] = max(heard[nearest][i], v.share)
     ranks = {v: (-float(heard[v].min()), -v.share) for v in own}
-    return [v for some in most for v in sorted(some, key=lambda v: ranks[v])]
+    return [v for some in (alone, behind) for v in sorted(some, key=lambda v: ranks[v])]
 
 
 def _off(one: Vibration, other: Vibration) -> float:
