@@ -719,3 +719,15 @@ def test_the_benchmark_of_forecasts_steps_to_a_closed_form(benchmark):
     row = benchmark.Row(0, "stepped sine", "", truth, np.zeros(2), -ends, ends, ())
     assert row.held == 1 and row.score == pytest.approx(0.4)
     assert row.best == pytest.approx(0.2, rel=0.06)  # widths are 6 % apart
+
+
+@pytest.mark.slow
+@benchmark_of("batch")
+def test_a_batch_of_the_benchmark_is_identified(benchmark, tmp_path):
+    benchmark.write_records(tmp_path, 1, 5)
+    decay = rs.load_decay(tmp_path / "run00005.csv")
+    assert len(decay.t) == 4000 and decay.unit == "m"
+    assert benchmark.seconds(tmp_path) > 0
+    (tmp_path / "run00006.csv").write_text("nothing")
+    with pytest.raises(RuntimeError, match="run00006"):
+        benchmark.seconds(tmp_path)
