@@ -20,7 +20,25 @@ _SIGMAS = 1.96
 
 
 def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) -> Iterator[str]:
-    """What the user should know of the inertia, the stiffness and the misfit."""
+    """What is wrong with the result or the records, then what is known of inertia and stiffness."""
+    if fitted.noise > BY_CHANCE:
+        yield _misfit(found, fitted, records)
+    if fitted.jump > DEPARTURE:
+        cycles = sum(len(r.cycles) for r in records) / len(fitted.windows)
+        yield (
+            f"every {cycles:.0f} cycles the motion departs from this equation by"
+            f" {percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
+            " drifts, its noise is slow, or a force is no function of q"
+        )
+    if found.verdict.structured and fitted.noise > BY_CHANCE:
+        yield (
+            "what other modes or the sensor do in time with the motion cannot be told from"
+            " stiffness and inertia: bands may miss the truth where the model does not explain"
+            " the data"
+        )
+    yield from record_notes(records)
+    if not fitted.converged:
+        yield "the fit has not come to its end: bands may be too narrow"
     unit = found.model.unit or "[q]"
     sizes = np.linspace(0.05, 1.0, _PLACES)
     q = np.concatenate([sizes * end for end in found.reach])
@@ -42,24 +60,6 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         )
     else:
         yield "K(q)/q is not determined: its 95 % band is wider than the stiffness itself"
-    if fitted.noise > BY_CHANCE:
-        yield _misfit(found, fitted, records)
-    if fitted.jump > DEPARTURE:
-        cycles = sum(len(r.cycles) for r in records) / len(fitted.windows)
-        yield (
-            f"every {cycles:.0f} cycles the motion departs from this equation by"
-            f" {percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
-            " drifts, its noise is slow, or a force is no function of q"
-        )
-    if found.verdict.structured and fitted.noise > BY_CHANCE:
-        yield (
-            "what other modes or the sensor do in time with the motion cannot be told from"
-            " stiffness and inertia: bands may miss the truth where the model does not explain"
-            " the data"
-        )
-    yield from record_notes(records)
-    if not fitted.converged:
-        yield "the fit has not come to its end: bands may be too narrow"
 
 
 def _inertia(found: Identification, sizes: Array, unit: str) -> str:
