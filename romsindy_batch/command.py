@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,7 @@ def batch(
     interrupted = False
     try:
         for entry, found in bar(made, "records", len(left)):
-            store.add(entry, job.settings, found)
+            _keep(store, entry, job, found)
     except KeyboardInterrupt:
         interrupted = True
     refused = summary.tell(interrupted)
@@ -143,6 +143,17 @@ def _check(entries: Entries, source: Path, out: Path, compare: tuple[str, str, s
             f"--compare {' '.join(compare)}: two groups need two records each, and there are"
             f" {listed(few)}; columns of the table are {columns}"
         )
+
+
+def _keep(store: Store, entry: Entry, job: Job, found: Mapping[str, Any]) -> None:
+    """Keep what was found of a record; where there is no room nothing more is begun."""
+    try:
+        store.add(entry, job.settings, found)
+    except OSError as error:
+        raise click.UsageError(
+            f"{store.path} cannot be written ({error.strerror}): make room; what is done is kept,"
+            " and the same command goes on from there"
+        ) from error
 
 
 def _say(line: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +47,7 @@ class Store:
         stamp, found = self.found.get(entry.name, (None, None))
         return found if stamp == Stamp.of(entry.file, settings) else None
 
-    def add(self, entry: Entry, settings: str, found: dict[str, Any]) -> None:
+    def add(self, entry: Entry, settings: str, found: Mapping[str, Any]) -> None:
         """Keep what was found.
 
         Raises an OSError if the disk is full: the lines before stay readable.

@@ -2,6 +2,10 @@
 
 import json
 import os
+import re
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -327,3 +331,30 @@ def test_a_cluster_finds_the_same_and_its_end_stops_nothing(folder):
     assert there == here and len(said) == 1 and "the rest is done here" in said[0]
     with pytest.raises(ValueError, match="no cluster answers there"):
         list(done_on("tcp://127.0.0.1:9", job, entries, 1, said.append))
+
+
+def little_room():
+    """For this process no file may be longer than 6 kB: as where a disk fills."""
+    import resource
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="only POSIX limits the size of files")
+def test_a_disk_that_fills_costs_nothing_that_is_done(tmp_path):
+    """What was written stays readable, and the same command goes on from there."""
+    (tmp_path / "in").mkdir()
+    for i in range(40):
+        (tmp_path / "in" / f"r{i:02}.csv").write_text("nothing")
+    words = [sys.executable, "-m", "romsindy", "batch", "in", "--out", "out"]
+    look = {"cwd": tmp_path, "capture_output": True, "text": True}
+    full = subprocess.run(words, preexec_fn=little_room, **look)
+    assert (
+        full.returncode == 2 and "results.jsonl cannot be written (File too large)" in full.stderr
+    )
+    again = subprocess.run(words, **look)
+    known = int(re.search(r"(\d+) of 40 records are known from before", again.stderr)[1])
+    assert 5 < known < 40 and again.returncode == 2  # all are refused, which was said
+    lines = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
+    assert sorted(json.loads(line)["name"] for line in lines) == [f"r{i:02}.csv" for i in range(40)]
