@@ -37,7 +37,8 @@ def _table(table: TextTable) -> str:
     rows = ["".join(f"<th{cell}</th>" for cell in header)]
     rows += ["".join(f"<td{cell}</td>" for cell in row) for row in body]
     caption = f"<caption>{escape(table.title)}</caption>" if table.title else ""
-    return f"<table>{caption}{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+    note = f"<p>{escape(table.note)}</p>" if table.note else ""
+    return f"<table>{caption}{''.join(f'<tr>{row}</tr>' for row in rows)}</table>{note}"
 
 
 class Framed:

@@ -9,6 +9,7 @@ import pytest
 
 import romsindy as rs
 from romsindy.fit.results.curve import Curve
+from romsindy.inspection.tables import summary, tables
 from romsindy.physics.example import EXAMPLE_MODEL
 
 COUPLED = rs.CoupledModel.from_coefficients(
@@ -21,7 +22,7 @@ def parts_of(html):
     page = ElementTree.fromstring(f"<div>{html.replace('<wbr>', '').replace('<br>', ' ')}</div>")
     formulas = ["".join(p.itertext()) for p in page.iter("p") if p.find("math") is not None]
     rows = [["".join(cell.itertext()) for cell in row] for row in page.iter("tr")]
-    return formulas, rows, page.findall("p")[-1].text
+    return formulas, rows, [*page.iter("p")][-1].text
 
 
 @pytest.mark.parametrize("model", [EXAMPLE_MODEL, COUPLED], ids=["one", "two"])
@@ -73,3 +74,10 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ValueError, match=re.escape("run pip install pandas")):
         rs.extract_backbone(rs.example_decay(periods=20)).to_frame()
+
+
+def test_an_inspection_is_its_tables():
+    seen = rs.inspect(rs.example_decay(40.0, periods=20))
+    _, rows, sentence = parts_of(f"<div>{seen._repr_html_()}</div>")
+    assert rows == [[*row] for table in tables(seen) for row in table.rows]
+    assert len(seen.modes) == 1 and sentence == summary(seen)

@@ -13,6 +13,7 @@ import numpy as np
 from romsindy.inspection import tables
 from romsindy.inspection.findings import ChannelNoise, Findings
 from romsindy.inspection.modes import Mode
+from romsindy.notebook import shown
 from romsindy.physics.term_sum import json_text
 from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
@@ -72,6 +73,9 @@ class Inspection(Findings):
             A command line that identifies the record, for the steps that come next.
         """
         return tables.short(self, command)
+
+    def _repr_html_(self) -> str:
+        return shown([], tables.tables(self), [tables.summary(self)])
 
     def __repr__(self) -> str:
         frequencies = ", ".join(f"{m.mean_frequency:.5g}" for m in self.modes) or "none"
