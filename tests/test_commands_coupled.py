@@ -14,6 +14,7 @@ import romsindy as rs
 from romsindy.commands import analysis
 from romsindy.commands.identify import identify
 from romsindy.commands.main import main
+from romsindy.commands.measurement import inspected
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.physics.coupled import CoupledModel
 
@@ -165,9 +166,13 @@ def test_what_does_not_go_together(run, options, message):
     assert message in result.stderr and len(result.stderr.splitlines()) == 1
 
 
-def test_columns_are_chosen_as_for_one_coordinate(run):
-    result = run("identify", "hammer.csv", "--coordinates", "auto")
-    assert result.exit_code == 2 and "choose with --column" in result.stderr
+def test_all_columns_are_taken_together_where_none_is_named(folder):
+    """Of one coordinate it must be said which: any of them could be meant."""
+    reading = dict.fromkeys(["unit", "quantity", "column", "time", "rate", "start", "end"])
+    _, found = inspected(folder / "hammer.csv", reading, 0, together=True)
+    assert [*found.together] == ["left", "right"]
+    with pytest.raises(ValueError, match="choose with column="):
+        inspected(folder / "hammer.csv", reading, 0)
 
 
 def test_one_coordinate_is_the_command_as_it_is():

@@ -70,7 +70,7 @@ def of_coordinates(
 
     Raises a ValueError if there is no such release, or so many coordinates are not found in it.
     """
-    title, found = inspected(file, reading, asked.seed)
+    title, found = inspected(file, reading, asked.seed, together=True)
     modes = None if coordinates == "auto" else int(coordinates)
     with of_file(file, found.warnings if release is None else ()):
         decays = found.whole_decays(release, modes)

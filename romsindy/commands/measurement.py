@@ -51,7 +51,8 @@ def decays_in(
     """
     if choice.whole:
         return [load_decay(file, **reading)]
-    recording = _clear(file, reading, choice.isolates or choice.coordinates > 1)
+    named_ones = choice.isolates and bool(reading["column"])
+    recording = _clear(file, reading, named_ones or choice.coordinates > 1)
     with named(f"{file}"):
         with bar(None, "inspecting") as steps:
             found = inspect(recording, progress=steps.set_postfix_str)
@@ -103,19 +104,22 @@ mode_options = grouped(
 )
 
 
-def inspected(file: Path | None, reading: Mapping[str, Any], seed: int) -> tuple[str, Inspection]:
-    """Title of a file, or of the example, and what is in it."""
+def inspected(
+    file: Path | None, reading: Mapping[str, Any], seed: int, together: bool = False
+) -> tuple[str, Inspection]:
+    """Title of a file, or of the example, and what is in it, in all channels ``together``."""
     title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
     with bar(None, "inspecting") as steps:
-        record = _clear(file, reading) if file else example_decay(35.0, seed)
+        several = together or bool(reading["column"])
+        record = _clear(file, reading, several) if file else example_decay(35.0, seed)
         return title, inspect(record, progress=steps.set_postfix_str)
 
 
-def _clear(file: Path, reading: Mapping[str, Any], several: bool = True) -> Recording:
-    """What is in a file, where it is clear which column is meant, or which ``several``."""
+def _clear(file: Path, reading: Mapping[str, Any], several: bool) -> Recording:
+    """What is in a file, where it is clear which column is meant, or ``several`` may be."""
     recording = load_recording(file, **reading)
     names = list(recording.names)
-    if len(names) > 1 and not (reading["column"] and several):
+    if len(names) > 1 and not several:
         raise ValueError(
             f"{file}: {len(names)} columns could be the measured one, {names}: choose with column="
         )
