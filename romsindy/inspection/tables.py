@@ -150,7 +150,8 @@ def picked_together(found: Findings, releases: Sequence[int]) -> str:
     channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
     rings = listed([f"{m.hertz} Hz" for m in found.modes if not m.steady])
     release = f"release{'s' * (len(names) > 1)} {listed(names)}"
-    used = f"Used: {channels}, {release}, with all that rings: {rings}."
+    where = f" in channel {found.channel}" if len(found.together) > 1 else ""
+    used = f"Used: {channels}, {release}, with all that rings: {rings}{where}."
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     return f"{used} Left out: release {listed(rest)}." if rest else used
 
