@@ -38,7 +38,9 @@ from romsindy.typing import Array, Indices
 # below a hundredth of a noise of 40 dB.
 # Steps need not be whole samples: few samples in a cycle are no reason for short steps.
 _STEPS, _PARTS = 12, 4
-_SAME = 0.01  # in channels where it differs by less, it is the same vibration
+# In channels where its logarithm differs by less, a frequency is that of the same vibration, if no
+# other one is nearer: vibrations that beat pull at what is followed of each.
+_SAME = 0.06
 # Noise is measured where the coordinates ring, and where it is about as loud: a filter may have
 # taken what lies beyond.
 _BELOW, _ABOVE, _ALIKE = 0.5, 1.5, 4.0
@@ -295,14 +297,18 @@ def _told_apart(
     Where two coordinates ring as one, the further one is silent, as is one that does not ring: its
     motion starts from rest.
     """
-    mains = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
+    logs = np.log(frequencies)
+    apart = np.abs(np.subtract.outer(logs, logs)) + np.diag(np.full(len(logs), np.inf))
+    same = np.minimum(_SAME, apart.min(axis=1, initial=np.inf) / 2)
+    given = list(zip(frequencies, wanted, same, strict=True))
+    mains = [_main(found, *coordinate) for coordinate in given]
     off = [abs(np.log(v.small_frequency / f)) for (_, v), f in zip(mains, frequencies, strict=True)]
     chosen: dict[int, tuple[int, Vibration]] = {}
     for i in np.argsort(off):
         taken = [v for _, v in chosen.values()]
         others = [[v for v in several if v not in taken] for several in found]
         near = any(_near(others[channel], frequencies[i]) for channel in wanted[i])
-        channel, vibration = _main(others if near else found, frequencies[i], wanted[i])
+        channel, vibration = _main(others if near else found, *given[i])
         chosen[i] = channel, vibration if near else _silent(vibration)
     return [chosen[i] for i in range(len(mains))]
 
@@ -320,15 +326,18 @@ def _near(several: Sequence[Vibration], frequency: float) -> list[Vibration]:
 
 
 def _main(
-    found: Sequence[Sequence[Vibration]], frequency: float, channels: Sequence[int]
+    found: Sequence[Sequence[Vibration]], frequency: float, channels: Sequence[int], same: float
 ) -> tuple[int, Vibration]:
-    """The channel in which the vibration nearest to a frequency moves most, and that vibration."""
+    """The channel in which the vibration nearest to a frequency moves most, and that vibration.
+
+    Where logarithms of frequencies differ by less than ``same`` it is one vibration.
+    """
     several = [(channel, v) for channel in channels for v in found[channel]]
     if not several:  # of other channels, to be silent
         several = [(channels[0], v) for others in found for v in others]
     off = [abs(np.log(v.small_frequency / frequency)) for _, v in several]
-    same = [cv for cv, x in zip(several, off, strict=True) if x < min(off) + _SAME]
-    return max(same, key=lambda cv: cv[1].energy)
+    alike = [cv for cv, x in zip(several, off, strict=True) if x < min(off) + same]
+    return max(alike, key=lambda cv: cv[1].energy)
 
 
 def _displaced(tone: Ridge, t: Array, times: int) -> Array:
