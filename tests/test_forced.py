@@ -280,6 +280,18 @@ def test_what_cannot_be_a_record_is_refused(smooth):
         refine(own, ForcedVibration(T, q, u, "m"), fixed=["gain [force]"])
 
 
+def test_an_input_rests_between_two_hits():
+    """At its value at rest it is not saturated, and a piece without a hit is one of the record."""
+    t = 0.01 * np.arange(1000)
+    hits = np.where((t % 3 < 0.2), np.sin(np.pi * (t % 3) / 0.2) * (1 + t), 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = rs.ForcedVibration(t, np.cos(6 * t), hits)
+        quiet = record.between(1.0, 2.0)
+    assert not np.any(quiet.u) and quiet.t[[0, -1]].tolist() == pytest.approx([1.0, 2.0])
+    assert record.notes == quiet.notes == () and len(record.t) == 1000
+
+
 def test_a_saturated_force_is_told(smooth):
     u, q, _ = smooth
     with pytest.warns(UserWarning, match="saturated"):

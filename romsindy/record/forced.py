@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,8 +172,11 @@ class ForcedVibration(Measurement):
         ValueError
             If fewer than eight samples are left.
         """
-        part = part_between(self.t, start, end)
-        return replace(self, t=self.t[part], y=self.y[part], u=self.u[part])
+        part, cut = part_between(self.t, start, end), copy(self)
+        # Nothing is checked once more: between two hits an input may rest.
+        for name in ("t", "y", "u"):
+            object.__setattr__(cut, name, getattr(self, name)[part])
+        return cut
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
@@ -205,7 +209,7 @@ def _clipped_note(name: str, u: Array) -> str:
     if len(np.unique(u)) < _LEVELS:  # a square wave, or a binary one
         return ""
     found = 0
-    for end in (u.max(), u.min()):
+    for end in {u.max(), u.min()} - {np.median(u)}:  # at the value at rest nothing is clipped
         lengths = [run.stop - run.start for run in runs(u == end)]
         found += sum(length for length in lengths if length >= _CLIPPED)
     if found < max(_PART * len(u), _CLIPPED):
