@@ -60,6 +60,8 @@ class Job:
         analyse: Analysis = partial(identified, asked=self.asked)
         given = (self.reading, self.choice, analyse, self.asked.seed)
         report, more, facts, step = analysed(entry.file, *given)
+        if report.interrupted:  # what is half done is done again
+            raise KeyboardInterrupt
         page = self.page(entry)
         if page is not None:
             drawn = [*pictures(report), *more]

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import ttest_ind
 
+from romsindy.commands import analysis
 from romsindy.commands.analysis import Asked
 from romsindy.commands.main import main
 from romsindy.commands.measurement import Selection
@@ -271,6 +272,20 @@ def test_what_is_refused_is_told_and_kept(run, folder):
     table = (folder / "refused" / "table.csv").read_text().splitlines()
     assert len(table) == 3 and table[0].startswith("file,temperature,explained")
     assert "2 of 2 records are known from before" in run("bad_list.csv", "--out", "refused").output
+
+
+def test_a_record_in_work_is_done_again_after_an_interruption(run, folder, monkeypatch):
+    """Where the fit is interrupted there are regressions alone: they are no result to be kept."""
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr(analysis, "identify", interrupted)
+        result = run("list.csv", "--out", "stopped")
+    assert result.exit_code == 130
+    kept = folder / "stopped" / "results.jsonl"
+    assert not kept.exists() or not kept.read_text()
 
 
 @pytest.mark.slow
