@@ -41,6 +41,11 @@ def _table(table: TextTable) -> str:
     return f"<table>{caption}{''.join(f'<tr>{row}</tr>' for row in rows)}</table>{note}"
 
 
+# Of columns and of their errors; amplitudes and displacements have that of the coordinate.
+_UNITS = {"t": "s", "frequency": "rad/s", "damping_ratio": "1", "residual": "1"}
+_OF_Q = ("q", "amplitude", "positive_peak", "negative_peak")
+
+
 class Framed:
     """Columns of one length, which pandas can take."""
 
@@ -49,8 +54,8 @@ class Framed:
     def to_frame(self) -> Any:
         """Its columns as a ``pandas.DataFrame``, with the names and units of the attributes.
 
-        Of several coordinates each has its own, such as ``amplitude_2``; the unit of amplitudes is
-        in ``attrs["unit"]``.
+        Of several coordinates each has its own, such as ``amplitude_2``. ``attrs["units"]`` says
+        units by name: frequencies are in rad/s.
 
         Raises
         ------
@@ -67,5 +72,7 @@ class Framed:
             parts = {f"{name}_{i}": part for i, part in enumerate(value.T, 1)}
             columns |= {name: value} if value.ndim == 1 else parts
         frame = DataFrame(columns)
-        frame.attrs["unit"] = getattr(self, "unit", None)
+        units = _UNITS | dict.fromkeys(_OF_Q, getattr(self, "unit", None) or "[q]")
+        names = {name: name.removesuffix("_std") for name in self._columns}
+        frame.attrs["units"] = {n: units[kind] for n, kind in names.items() if kind in units}
         return frame

@@ -51,7 +51,9 @@ def test_columns_of_a_curve_become_a_frame():
     pytest.importorskip("pandas", reason="pandas is not installed")
     backbone = rs.extract_backbone(rs.example_decay(periods=20))
     frame = backbone.to_frame()
-    assert len(frame) == len(backbone) and frame.attrs["unit"] == backbone.unit
+    assert len(frame) == len(backbone) and {*frame.attrs["units"]} == {*frame}
+    assert frame.attrs["units"]["amplitude"] == backbone.unit == "m"
+    assert frame.attrs["units"]["frequency_std"] == "rad/s"
     for name in frame:
         np.testing.assert_array_equal(frame[name], getattr(backbone, name))
     arrays = {name for name, value in vars(backbone).items() if isinstance(value, np.ndarray)}
