@@ -283,3 +283,17 @@ def test_the_answer_has_twenty_lines_at_most(pair, twice):
     cited = re.findall(r"(?:[Mm]ode |--mode )(\d)", short.replace(summary(full), ""))
     shown = re.findall(r"^ +(\d) +[\d.]+ (?:to [\d.]+ )? +(?:[\d.?]+ )+", short, re.M)
     assert cited and set(cited) <= set(shown)
+
+
+def test_what_was_guessed_of_the_quantity_is_said_where_it_is_used(tmp_path):
+    """A name is no unit: "v" may be a velocity, or a transverse displacement."""
+    t = np.arange(0, 8, 0.01)
+    x = np.exp(-0.1 * t) * np.cos(30 * t)
+    said = {}
+    for name in ("v", "probe", "q [mm]"):
+        file = tmp_path / "run.csv"
+        np.savetxt(file, np.c_[t, x], delimiter=",", header=f"t [s],{name}", comments="")
+        said[name] = str(rs.inspect(file))
+    assert "Taken as velocity: name 'v'." in said["v"]
+    assert "Taken as displacement: assumed, for nothing in the file says it." in said["probe"]
+    assert "Taken as" not in said["q [mm]"]

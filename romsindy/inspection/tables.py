@@ -141,7 +141,10 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     out += [f"{len(left) - _MOST_LEFT} more"] if len(left) > _MOST_LEFT else []
     out += [f"release {listed(rest)}"] if rest else []
     out += [f"channel {name}" for name in found.recording.names if name not in found.together]
-    return f"{used} Left out: {', '.join(out)}." if out else used
+    used = f"{used} Left out: {', '.join(out)}." if out else used
+    r = found.recording
+    guessed = r.basis.startswith(("name", "assumed"))  # no unit and no code says it
+    return f"{used} Taken as {r.quantity}: {r.basis}." if guessed else used
 
 
 def picked_together(found: Findings, releases: Sequence[int]) -> str:
