@@ -192,6 +192,20 @@ def test_what_grows_with_the_amplitude_asks_for_a_larger_one(power, test):
     assert f"{advice.action} would show" in advice.sentence
 
 
+def test_a_measured_velocity_is_told_as_the_amplitude_of_its_displacement(tmp_path):
+    """Half of OMEGA x 1 rad/s is 0.5 rad."""
+    t = np.arange(0.0, 23.0, 0.02)
+    amplitude = np.exp(-0.1 * t)
+    speed = OMEGA * amplitude * np.cos(OMEGA * t)
+    speed += NOISE * np.random.default_rng(4).standard_normal(len(t))
+    np.savetxt(tmp_path / "v.csv", np.c_[t, speed], delimiter=",", header="t [s],v [rad/s]")
+    record = Record.of(rs.load_decay(tmp_path / "v.csv").free(), 1e-6)
+    left = 0.05 * np.exp(-0.2 * record.t) * np.cos(2 * OMEGA * record.t)
+    whole = replace(record, signal=record.signal + left)
+    half = Gap((Prediction(whole, record.signal, record.signal),), False).loud_and_quiet.half
+    assert half == pytest.approx(0.5, rel=0.03)  # the largest cycle is half a cycle old
+
+
 def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     beam = Beam.cantilever()
     seen = InstrumentedBeam(beam, beam.sensors([0.2, 0.45]))

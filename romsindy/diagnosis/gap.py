@@ -136,14 +136,17 @@ class Gap:
         cycles = p.backbone(p.record.signal)
         if cycles is None:
             return None
-        half = float(cycles.amplitude.max()) / 2
+        top = int(np.argmax(cycles.amplitude))
+        half = float(cycles.amplitude[top]) / 2
         loud = np.interp(p.record.t, cycles.t, cycles.amplitude) > half
         misfit = p.misfit(p.after) / p.record.noise.std
         left = [x[~np.isnan(x)] for x in (misfit[loud], misfit[~loud])]
         if min(map(len, left)) == 0:
             return None
         above, below = (float(np.sqrt(np.mean(x**2))) for x in left)
-        return LoudAndQuiet(above, below, half)
+        # As an amplitude of q, whatever was measured of it.
+        rate = float(cycles.frequency[top]) ** p.record.decay.derivative
+        return LoudAndQuiet(above, below, half / rate)
 
     @property
     def before(self) -> float:

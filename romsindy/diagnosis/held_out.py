@@ -115,6 +115,8 @@ class Validation:
         whole = float(np.sum(self._left(self.exact) ** 2)) if len(best.effects) > 1 else 0.0
         while best.effects:
             fewer = self.search.without_one(best, [*found.compared, found.base])
+            if not fewer:  # the budget has ended
+                break
             fewer = [self.search.settled(h) for h in fewer]
             without = [self._left(h) for h in fewer]
             i = int(np.argmin([np.sum(x**2) for x in without]))
@@ -189,6 +191,8 @@ def tested(search: ResidualSearch, found: Finding, record: Prepared | None) -> F
     left, needed = misfit(best), best
     while needed.effects:
         fewer = search.without_one(needed)
+        if not fewer:  # the budget has ended
+            break
         without = [misfit(h) for h in fewer]
         i = int(np.argmin(without))
         if without[i] - left > GAINED * scale:
