@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import romsindy as rs
 from romsindy.commands.main import main
+from romsindy.commands.steady import SteadyTable
 
 # A resonance at 5 Hz whose stiffness grows; q in m.
 K, G, C = (2 * np.pi * 5) ** 2, 4e6, 1.2
@@ -221,3 +222,26 @@ def test_at_resonance_the_gain_is_asked_for(run, tmp_path):
     model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert model.coefficients == pytest.approx({"omega^2": K, "c_linear": C}, rel=1e-7)
     assert "no curve" not in result.output  # without levels there are points alone
+
+
+def test_units_may_end_a_name(linear, tmp_path):
+    """Names of MATLAB hold no brackets."""
+    hz, force, x = linear
+    polar = 1e3 * np.abs(x), np.degrees(np.angle(x))
+    write(tmp_path / "said.csv", HEADER, hz, force, *polar)
+    names = "frequency_Hz,force_N,displacement_mm,displacement_phase_deg"
+    write(tmp_path / "joined.csv", names, hz, force, *polar)
+    said, joined = (SteadyTable.read(tmp_path / f"{name}.csv") for name in ("said", "joined"))
+    for field in ("frequency", "force", "response"):
+        np.testing.assert_array_equal(getattr(said, field), getattr(joined, field))
+    assert (joined.unit, joined.force_unit, joined.quantity) == ("m", "N", "displacement")
+    write(tmp_path / "odd.csv", "frequency_Hz,force_N,colour_mm", hz, force, polar[0])
+    with pytest.raises(ValueError, match="the column 'colour_mm' is not understood"):
+        SteadyTable.read(tmp_path / "odd.csv")
+
+
+def test_a_table_of_steady_states_that_is_inspected_is_sent_here(linear, tmp_path):
+    hz, force, x = linear
+    write(tmp_path / "points.csv", HEADER, hz, force, np.abs(x), np.angle(x))
+    refused = CliRunner().invoke(main, ["inspect", str(tmp_path / "points.csv")])
+    assert refused.exit_code == 2 and "is read by romsindy steady" in refused.stderr

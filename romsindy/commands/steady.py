@@ -235,14 +235,21 @@ class SteadyTable:
         )
 
 
+def _parts(name: str) -> re.Match[str] | None:
+    """What a name says, however its words are joined; None where it is not understood."""
+    return _NAME.fullmatch(" ".join(re.split(r"[\s_]+", name.strip().lower())))
+
+
 def _known(columns: list[Column]) -> Mapping[Key, Column]:
     """Columns by what they hold."""
     found: dict[Key, Column] = {}
-    for column in columns:
-        name = " ".join(re.split(r"[\s_]+", column.name.strip().lower()))
-        parts = _NAME.fullmatch(name)
+    for given in columns:
+        column, parts = given, _parts(given.name)
+        if parts is None:  # names of MATLAB hold no brackets
+            name, _, unit = given.name.strip().rpartition("_")
+            column, parts = replace(given, name=name, unit=given.unit or unit), _parts(name)
         if parts is None:
-            raise ValueError(f"the column {column.name!r} is not understood: {_UNDERSTOOD}")
+            raise ValueError(f"the column {given.name!r} is not understood: {_UNDERSTOOD}")
         key = (parts["what"], int(parts["number"] or 1), bool(parts["phase"]))
         if key in found:
             raise ValueError(

@@ -314,9 +314,9 @@ def backbone_curve(
     >>> curve.stop_reason
     'amplitude reached 2.9 m'
     """
-    low, high = amplitude
-    if not 0 < low < high < np.inf:
+    if len(amplitude) != 2 or not 0 < amplitude[0] < amplitude[1] < np.inf:
         raise ValueError(f"amplitude = {amplitude!r} must be two increasing positive numbers")
+    low, high = amplitude
     if method not in METHODS:
         raise ValueError(f"method {method!r} is not known: use one of {list(METHODS)}")
     ladder = _ladder(n_harmonics)

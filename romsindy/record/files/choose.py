@@ -92,7 +92,9 @@ def _no_clock(table: Table) -> str:
             "a time column and a measured column are needed, but the file has"
             f" {len(names)} column; add the times, or give the samples per second with rate="
         )
-    return f"no time column among {names}; name it with time=, or give rate="
+    steady = any("frequency" in name.lower() for name in names)
+    other = "; a table of steady states is read by romsindy steady" if steady else ""
+    return f"no time column among {names}; name it with time=, or give rate={other}"
 
 
 def _regular(columns: Sequence[Column], rate: float) -> tuple[Array, list[Column]]:
