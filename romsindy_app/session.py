@@ -22,6 +22,14 @@ from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.record.files import load_recording
 
 _FILES = ("Report: ", "Model: ", "Saved: ")  # lines on what a command wrote, which is shown
+# As `python -m romsindy`, but that it can be stopped, too, where the page was begun in the
+# background: there no child hears of Ctrl-C.
+_COMMAND = """\
+import signal
+from romsindy.commands.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+main(prog_name="romsindy")
+"""
 # What a simulation is, by the option that names it.
 SIMULATIONS = {
     "an equation (JSON, as identify saves it)": "--model",
@@ -166,7 +174,7 @@ class Session:
     def _run(self, words: list[str], outputs: Mapping[str, str]) -> Job:
         self.commands.append(shlex.join(["romsindy", *words]))
         process = subprocess.Popen(
-            [sys.executable, "-m", "romsindy", *words],
+            [sys.executable, "-c", _COMMAND, *words],
             cwd=self.folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

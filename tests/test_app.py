@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -146,9 +147,12 @@ def test_what_it_gives_along_does_the_same():
 
 
 @pytest.mark.slow
-def test_long_work_can_be_stopped():
-    session = Session()
+@pytest.mark.parametrize("heard", [signal.default_int_handler, signal.SIG_IGN])
+def test_long_work_can_be_stopped(heard):
+    """Also where the page was begun in the background: no child hears of Ctrl-C there."""
+    session, before = Session(), signal.signal(signal.SIGINT, heard)
     job = session.identify(session.put("a.csv", record()), Choice())
+    signal.signal(signal.SIGINT, before)
     time.sleep(4.0)  # while it reads, or fits
     job.stop()
     ended(job)

@@ -729,5 +729,5 @@ def test_a_batch_of_the_benchmark_is_identified(benchmark, tmp_path):
     assert len(decay.t) == 4000 and decay.unit == "m"
     assert benchmark.seconds(tmp_path) > 0
     (tmp_path / "run00006.csv").write_text("nothing")
-    with pytest.raises(RuntimeError, match="1 of 2 records identified.*1 refused"):
+    with pytest.raises(RuntimeError, match=r"1 of 2 records identified.*1 refused"):
         benchmark.seconds(tmp_path)
