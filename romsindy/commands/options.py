@@ -34,7 +34,7 @@ full_option = click.option(
 
 def _processes(_: click.Context, __: click.Parameter, value: int) -> int:
     if not value:
-        raise click.BadParameter("0 must be a number of processes; -1 uses all cores")
+        raise click.UsageError("--jobs 0 must be a number of processes; -1 uses all cores")
     return value
 
 
