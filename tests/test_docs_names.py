@@ -27,7 +27,7 @@ else:  # Python 3.10
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-BUILT = {DOCS / "changelog.md", DOCS / "effects" / "catalogue.md"}
+BUILT = {DOCS / "changelog.md", DOCS / "effects" / "catalogue.md", DOCS / "pictures" / "page.md"}
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted({*DOCS.rglob("*.md")} - BUILT)]
 PACKAGES = ("romsindy", "romsindy_study")
 FOLDERS = (*PACKAGES, "benchmarks", "docs", "examples", "tests")
