@@ -14,6 +14,7 @@ import romsindy as rs
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.records.arguments import small_frequencies
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.term import law_called
 from romsindy.record.ringing import tones_of
 from romsindy.regression.projection import HarmonicRows
 
@@ -62,6 +63,18 @@ def test_friction_under_a_force_is_chosen_and_held_by_its_interval(benchmark):
     record, truth = benchmark.driven(1, n=1500)
     fit = rs.identify(record, order=3)
     assert {*fit.model.coefficients} == {*truth, "gain [force]"}
+    for name, value in truth.items():
+        low, high = fit.interval(name)
+        assert low <= value <= high, name
+
+
+@pytest.mark.slow
+@benchmark_of("dry_friction")
+def test_friction_under_a_multisine_is_followed_by_one_simulation(benchmark):
+    """Steps across its jump went round, and the fit fell back to pieces of forty cycles."""
+    record, truth = benchmark.driven(3007, n=2500)
+    fit = rs.identify(record, terms=[law_called(name) for name in truth])
+    assert fit.verdict.piece == 0 and fit.verdict.explained
     for name, value in truth.items():
         low, high = fit.interval(name)
         assert low <= value <= high, name

@@ -16,6 +16,7 @@ from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.part import Part
+from romsindy.fit.kernel.prepared import creeping
 from romsindy.fit.records.driven import ForcedRecord
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import (
@@ -381,9 +382,6 @@ def _asymmetry(record: Record, t: Array, force: Array) -> Array:
 
 # Steps of a record, where more than the least in a cycle are not needed: many fits are compared.
 _AFFORDABLE = 3000
-# Of the largest velocity, over which dry friction turns round: where it holds what an input pulls
-# at, a force averaged over a step jumps from fit to fit, and none of the many would settle.
-_CREEP = 7e-3
 
 
 def checked_driven(
@@ -397,4 +395,4 @@ def checked_driven(
                 f"{word} {i} is noise: its rms of {np.std(record.signal):.3g} is below twice the"
                 f" noise ({record.noise.std:.3g}); check the channel, or excite more"
             )
-    return [replace(r, creep=_CREEP * float(np.abs(r.motion.q_dot).max())) for r in records]
+    return creeping(records)

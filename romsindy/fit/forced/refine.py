@@ -14,13 +14,14 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from romsindy.effects.base import Effect
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.part import Coefficient, Part
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import CREEPS, Prepared, creeping
 from romsindy.fit.records.arguments import free_names, require_unit, small_frequencies
 from romsindy.fit.records.between_samples import Rivals, rated, ways
 from romsindy.fit.records.coupled import free_shapes
@@ -221,8 +222,7 @@ class Driven:
             short = self._fit(model, beside, _cut(self.records, count))
         except TrajectoryError:
             return _or_raised(whole, failure)
-        stays = whole is not None and whole.solution.converged and _felt(whole) <= 1
-        if whole is not None and stays and _power(short) > _ASTRAY * _power(whole):
+        if whole is not None and _felt(whole) <= 1 and _as_well(whole, short):
             return whole
         return self._longer(short, count)
 
@@ -230,27 +230,37 @@ class Driven:
         """In the longest pieces over which the model follows as well as over short ones."""
         best = short
         while count > 1:
-            model = without_inputs(best.model)
-            others = (Coefficient, Offset)
-            beside = [p for p in best.solution.parts if not isinstance(p.effect, others)]
+            model, beside = without_inputs(best.model), _but((Coefficient, Offset), best)
             try:
                 fit = self._fit(model, beside, _cut(self._seen(best), count // 2))
             except TrajectoryError:
                 break
-            more = short.solution.n_values - fit.solution.n_values
-            chance = _CHANCE * np.sqrt(2 * more) / sum(map(len, fit.residuals))
             # Where the motion is chaotic, longer pieces seem to say more than they do.
-            if not fit.solution.converged or _felt(fit) > 1:
-                break
-            if _power(fit) > (1 + chance) * _power(short):
+            if _felt(fit) > 1 or not _by_chance(fit, short):
                 break
             best, count = fit, count // 2
         return best
 
     def _fit(self, model: Equations, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
         offsets = (free_offsets(records, c) for c in range(records[0].n_channels))
-        more = (*beside, *offsets)
-        return refined(model, self.names, records, more, loss=self.loss, progress=self.progress)
+        followed = partial(refined, free=self.names, loss=self.loss, progress=self.progress)
+        if all(term.smooth for term in model.terms):
+            return followed(model, records=records, more=(*beside, *offsets))
+        # Across a jump steps lead astray, or go round for ever: first it is spread over a velocity.
+        first, *sharper = CREEPS
+        fit = followed(model, records=creeping(records, first), more=(*beside, *offsets))
+        for part in sharper:
+            pairs = zip(records, fit.solution.motions, strict=True)
+            at = creeping([record.with_motion(motion) for record, motion in pairs], part)
+            more = _but(Coefficient, fit)
+            try:
+                near = followed(without_inputs(fit.model), records=at, more=more)
+            except TrajectoryError:
+                break
+            if not near.solution.converged:
+                break
+            fit = near
+        return fit
 
     def _seen(self, fit: Fit) -> list[Prepared]:
         """The records with the motions of a fit to pieces of them behind them."""
@@ -262,6 +272,11 @@ class Driven:
                 steps += own[-1].grid.n_steps
             seen.append(record.with_motion(Trajectory.joined(record.motion.grid, own)))
         return seen
+
+
+def _but(kinds: type[Effect] | tuple[type[Effect], ...], fit: Fit) -> tuple[Part, ...]:
+    """Parts of a fit but for those of some kinds of effect."""
+    return tuple(p for p in fit.solution.parts if not isinstance(p.effect, kinds))
 
 
 def _cut(records: Sequence[Prepared], count: int) -> list[Prepared]:
@@ -327,6 +342,23 @@ def _felt(fit: Fit) -> float:
             first, *_, last = np.array_split(rms, _PARTS)
             felt = max(felt, float(last.max() / first.max()))
     return felt
+
+
+def _as_well(whole: Fit, short: Fit) -> bool:
+    """Whether a fit of whole records is at the right minimum, by what short pieces leave.
+
+    A step across a jump, such as friction's, keeps a fit from settling also where nothing is left
+    to gain; a fit that has settled may leave a little more, where the form is not quite right.
+    """
+    settled = whole.solution.converged and _power(short) > _ASTRAY * _power(whole)
+    return settled or _by_chance(whole, short)
+
+
+def _by_chance(longer: Fit, short: Fit) -> bool:
+    """Whether long pieces leave no more than short ones, which take more values from the noise."""
+    more = short.solution.n_values - longer.solution.n_values
+    chance = _CHANCE * np.sqrt(2 * more) / sum(map(len, longer.residuals))
+    return _power(longer) <= (1 + chance) * _power(short)
 
 
 def _power(fit: Fit) -> float:

@@ -76,6 +76,7 @@ class CoupledRecord(Prepared):
     tones: tuple[Ridge, ...] = ()
     # Where it starts in the record that it is a piece of, s: tones have the times of that
     since: float = 0.0
+    creep: float = 0.0
     # The measured inputs by name, where any drive it
     inputs: Mapping[str, SampledInput] = field(default_factory=dict)
 
