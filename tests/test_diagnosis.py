@@ -594,6 +594,25 @@ def test_command_line(tmp_path, monkeypatch):
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
 
 
+def test_both_may_be_columns_of_one_file(tmp_path):
+    """A spring hardens by 2 % of its force at 0.1 m, which the simulated column has not."""
+    t = np.arange(0, 12, 0.01)
+    linear = {"omega^2": 400.0, "c_linear": 0.3}
+    hard = linear | {"gamma_3": 800.0}
+    y, x = (rs.ReducedModel.from_coefficients(c).simulate(0.1, 0.0, t).q for c in (hard, linear))
+    y = y + 1e-4 * np.random.default_rng(4).standard_normal(len(t))
+    file, header = tmp_path / "both.csv", "t (s),test (m),sim (m)"
+    np.savetxt(file, np.c_[t, y, x], delimiter=",", header=header, comments="")
+    arguments = ["diagnose", "--measured", str(file), "--column", "test", "--simulated-column"]
+    page = ["--report", str(tmp_path / "page.html")]
+    done = CliRunner().invoke(main, [*arguments, "sim", *page])
+    assert done.exit_code == 0 and "cubic stiffness), 8" in done.stdout, done.output
+    wrong = CliRunner().invoke(main, [*arguments, "nothing", *page])
+    assert wrong.exit_code == 2 and "--simulated-column 'nothing' is none of" in wrong.stderr
+    none = CliRunner().invoke(main, [*arguments[:5], "--simulated", str(file), *page])
+    assert none.exit_code == 2 and "choose with --simulated-column" in none.stderr
+
+
 def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
     """Of the candidates the base and two are there; the page and the files are written."""
     rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")

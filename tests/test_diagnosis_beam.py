@@ -521,6 +521,7 @@ def test_any_beam_is_read_from_a_file(tmp_path):
         ("width = 0.02", "width = 1979-05-27", "width = .* must be a finite number"),
         ("young = 70e9", 'young = "steel"', 'young = "steel" must be a finite number'),
         ("young = 70e9", "young = [1.0]", r"young = \[\.\.\.\] must be a finite number"),
+        ("young = 70e9", "young = 70e3", "sound would travel at 5.09 m/s .*: give SI units"),
         ("length = 0.3\n", "", "has no 'length': add"),
         ("alpha = 0.4", "alhpa = 0.4", r"\[beam\] takes no 'alhpa': did you mean 'alpha'"),
         ("alpha = 0.4", "effects = 5", r"\[beam\] takes no 'effects'"),

@@ -169,6 +169,8 @@ def test_slow_input_cannot_tell(smooth):
     q = duffing(force, t)[0]
     fit = refine(model(), ForcedVibration(t, noisy(q, 7, 0.1), u, unit="m"))
     assert "cannot tell these apart" in fit.notes[0]
+    delay, error = fit.delays["force"]  # half a sample, or none
+    assert abs(delay) < 2 * error < 0.0025
 
 
 def test_the_delay_of_the_chain_is_found(smooth):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,8 @@ else:
 
 T = TypeVar("T")
 
+# Speed of sound along a beam, m/s: soft rubber, and four times as fast as in steel.
+_SLOWEST, _FASTEST = 20.0, 2e4
 _ANY_BEAM = ("length", "elements", "alpha", "eta", "gravity")
 _OTHER_BEAMS = ("left", "right", "masses", "springs")
 _SUPPORTS = {"clamped": CLAMPED, "pinned": PINNED, "free": FREE}
@@ -54,6 +57,7 @@ def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
     try:
         refuse_unknown("a file of a beam", content, ("beam", "sensors"))
         beam = _beam(entries.table("[beam]", content.get("beam", {})))
+        _require_si(beam.section)
         sensors, columns = _sensors(entries.table("[sensors]", content.get("sensors", {})))
         return beam, beam.sensors(sensors), columns
     except ValueError as error:
@@ -86,6 +90,15 @@ def _beam(values: dict[str, Any]) -> Beam:
     if not isinstance(gravity, list):
         own["gravity"] = (0.0, -entries.finite("[beam] gravity", gravity))
     return _made(Beam, own, "[beam]")
+
+
+def _require_si(section: Section) -> None:
+    speed = math.sqrt(section.EA / section.mass)
+    if not _SLOWEST < speed < _FASTEST:
+        raise ValueError(
+            f"[beam] sound would travel at {speed:.3g} m/s along the beam, which is no material:"
+            " give SI units (m, N/m^2, kg/m^3), not mm, MPa and t/mm^3"
+        )
 
 
 def _support(value: object, end: str) -> Support:

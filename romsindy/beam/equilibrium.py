@@ -150,7 +150,8 @@ def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shap
         raise NoEquilibriumError(
             f"no equilibrium found under a load of {np.abs(pattern).max():.4g} N (largest nodal "
             "value), even in steps of 1/1024 of it; reduce the load, or check the springs and "
-            "supports (a beam without support has no equilibrium)"
+            "supports (a beam without support has none; lengths are in m, and it is "
+            f"{assembly.structure.length:g} m long)"
         )
     return Shape(assembly.s, found.x, load)
 

@@ -117,7 +117,7 @@ def _values(_: click.Context, option: click.Parameter, given: tuple[str, ...]) -
 
 
 _HEADINGS = {
-    "What is compared": "--measured --simulated --model --beam --held-out",
+    "What is compared": "--measured --simulated --simulated-column --model --beam --held-out",
     "Your own simulator": "--simulator --parameter --runs --time-limit",
     "Reading": f"{READING} --mode --band --release --whole",
     "Measured inputs": INPUTS,
@@ -137,6 +137,11 @@ _HEADINGS = {
     help="Decay, or with --input a vibration that it drives; repeatable.",
 )
 @click.option("--simulated", type=_FILE, help="The simulation as a decay in a file.")
+@click.option(
+    "--simulated-column",
+    metavar="NAME",
+    help="Its column there; without --simulated one of the first measured file.",
+)
 @click.option(
     "--model",
     "model_file",
@@ -229,6 +234,7 @@ _HEADINGS = {
 def diagnose(
     measured: tuple[Path, ...],
     simulated: Path | None,
+    simulated_column: str | None,
     model_file: Path | None,
     beam_file: Path | None,
     simulator: str | None,
@@ -270,6 +276,8 @@ def diagnose(
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
+    if simulated_column is not None:
+        simulated = simulated or measured[0]
     if sum(f is not None for f in (simulated, model_file, beam_file, simulator)) != 1:
         raise click.UsageError("name one of --simulated, --model, --simulator and --beam")
     if parameters and simulator is None:
@@ -287,7 +295,7 @@ def diagnose(
         simulation = {"model": Program(simulator, runs, time_limit), "parameters": parameters}
         choice = choice._replace(coordinates=max(len(reading["column"] or ()), 1))
     elif simulated is not None:
-        simulation = {"model": _series(simulated, reading["unit"])}
+        simulation = {"model": _series(simulated, reading["unit"], simulated_column)}
     elif model_file is not None:
         simulation = {"model": _model(model_file)}
         choice = choice._replace(coordinates=_equation(simulation["model"]).n_coordinates)
@@ -295,8 +303,9 @@ def diagnose(
             raise click.UsageError("--mode and --band isolate one mode: the model is of several")
         if not driven.inputs:
             _note_inputs(simulation["model"])
+    own = None if beam_file is None else f"[sensors] columns in {beam_file}:"
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
-    with bar(None, "reading the records"), _columns_of(beam_file):
+    with bar(None, "reading the records"), _columns_by(own):
         stored = tuple(file for file in repeats if file.suffix == ".json")
         repeats = tuple(file for file in repeats if file not in stored)
         learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
@@ -377,10 +386,12 @@ def _equation(simulation: Equations | Estimate) -> Equations:
     return simulation.model if isinstance(simulation, Estimate) else simulation
 
 
-def _series(path: Path, unit: str | None) -> Decay:
+def _series(path: Path, unit: str | None, column: str | None) -> Decay:
     """The largest of the simulated decays in a file."""
-    others = ("quantity", "column", "time", "rate", "start", "end")
-    decays = decays_in(path, {"unit": unit, **dict.fromkeys(others)}, Selection(), _note)
+    others = dict.fromkeys(("quantity", "time", "rate", "start", "end"))
+    reading = {"unit": unit, "column": column, **others}
+    with _columns_by("--simulated-column"):
+        decays = decays_in(path, reading, Selection(), _note)
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
@@ -405,14 +416,13 @@ def _records_in(
 
 
 @contextmanager
-def _columns_of(beam_file: Path | None) -> Iterator[None]:
-    """Messages on columns name the file of a beam, which chose them."""
+def _columns_by(chosen: str | None) -> Iterator[None]:
+    """Messages on columns name what chose them, where --column did not."""
     try:
         yield
     except ValueError as error:
-        if beam_file is None:
+        if chosen is None:
             raise
-        chosen = f"[sensors] columns in {beam_file}:"
         raise ValueError(re.sub(r"\bcolumn ?=", lambda _: chosen, str(error))) from error
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,7 @@ def tones_of(decay: Decay) -> list[list[Vibration]]:
     ]
 
 
+@lru_cache(maxsize=16)  # every number of coordinates asks again
 def _heard(decay: Decay) -> list[_Channel]:
     """What rings in each channel, or where nothing is followed while it is loud, what does later.
 

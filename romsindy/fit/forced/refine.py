@@ -15,6 +15,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from romsindy.effects.base import Effect
+from romsindy.effects.drive import Drive
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
@@ -39,6 +40,7 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
 from romsindy.record.recording import Given
 from romsindy.record.ringing import require_channels
+from romsindy.typing import Array
 
 _CYCLES = 20.0  # in the shortest pieces
 _MOST = 40  # pieces
@@ -174,12 +176,26 @@ def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:
     ]
     rivals = rated(dict(zip(names, left, strict=True)))
     rivals, best = _examined(dict(zip(names, fits, strict=True)), rivals)
-    values = [np.array([fit.model.coefficients[n] for n in best.free]) for fit in fits]
-    off = np.array(values) - values[names.index(rivals.best)]
     weights = np.array([rivals.weights.get(name, 0.0) for name in names])
-    spread = (weights * off.T) @ off
+
+    def spread(values: Sequence[Array]) -> Array:
+        off = np.array(values) - values[names.index(rivals.best)]
+        return (weights * off.T) @ off
+
+    by_coefficient = spread([np.array([f.model.coefficients[n] for n in best.free]) for f in fits])
+    # What is held acts half a sample late: where nobody knows whether it is, no delay is sharper.
+    by_delay = spread([np.array([delay for delay, _ in f.delays.values()]) for f in fits])
+    own = zip(best.solution.parts, best.solution.slices(), strict=True)
+    at = [place.stop - 1 for part, place in own if isinstance(part.effect, Drive)]
+    everything = best.solution.covariance.copy()
+    everything[np.ix_(at, at)] += by_delay
     best = beside_the_whole(best, records)
-    return replace(best, covariance=best.covariance + spread, notes=(str(rivals), *best.notes))
+    return replace(
+        best,
+        covariance=best.covariance + by_coefficient,
+        solution=replace(best.solution, covariance=everything),
+        notes=(str(rivals), *best.notes),
+    )
 
 
 def _examined(fits: Mapping[Interpolation, Fit], rivals: Rivals) -> tuple[Rivals, Fit]:
