@@ -162,25 +162,17 @@ def test_an_input_that_is_held_is_integrated_exactly():
 
 
 @pytest.mark.slow
-def test_slow_input_cannot_tell(smooth):
+@pytest.mark.parametrize("held_between", [False, True])
+def test_slow_input_cannot_tell(held_between):
     """Sampled 80 times a cycle and noisy, held and straight inputs differ by a delay alone."""
     t = 0.0025 * np.arange(4000)
     u, force = multisine(6, 4000, 0.0025, 3.0, 7.0, lines=20)
-    q = duffing(force, t)[0]
+    acts = (lambda s: u[int(s / 0.0025 + 1e-9)]) if held_between else force
+    q = duffing(acts, t)[0]
     fit = refine(model(), ForcedVibration(t, noisy(q, 7, 0.1), u, unit="m"))
     assert "cannot tell these apart" in fit.notes[0]
-    delay, error = fit.delays["force"]  # half a sample, or none
+    delay, error = fit.delays["force"]  # half a sample more or less, and there is none
     assert abs(delay) < 2 * error < 0.0025
-
-
-def test_the_delay_of_the_chain_is_found(smooth):
-    u, force = multisine(1)
-    late = 0.0037
-    q = duffing(lambda t: force(t - late), T)[0]
-    fit = refine(model(), ForcedVibration(T, noisy(q, 8), u, unit="m"))
-    delay, error = fit.delays["force"]
-    assert delay == pytest.approx(late, abs=4 * error) and error < 2e-4
-    assert f"force(t - {delay:.4g})" in fit.model.equation()
 
 
 @pytest.mark.slow
