@@ -158,6 +158,19 @@ def test_what_is_not_surely_there_is_not_the_nearest():
     assert len(unsure.table()) == 1
 
 
+def test_the_nearest_is_told_where_it_brings_cycles_together():
+    """A simulation that had hardly a cycle in common has, and still none that keeps the phase."""
+    result = report_of("cubic_stiffness")
+    alone = {"frequency": np.nan, "damping": np.nan, "parts": ()}
+    apart = tuple(replace(d, **alone) for d in result.differences)
+    lost = replace(result, verdict="unknown", gap=result.gap.unchanged(), differences=apart)
+    assert all(d.apart for d in apart) and lost.gap.closed == 0
+    assert "explains it; the nearest is the coefficient gamma_3 4" in lost.sentence
+    assert "With it, cycle by cycle: They agree within" in lost.sentence
+    nothing = replace(lost, differences=result.differences)
+    assert "explains it.\n" in nothing.sentence
+
+
 def test_harmonics_of_hum_need_not_show_in_every_record():
     def hum(*sizes):
         return lambda t, q: q + sum(x * np.sin(k * 314.3 * t) for k, x in enumerate(sizes, 1))

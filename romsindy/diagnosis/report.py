@@ -130,6 +130,10 @@ class Explained(Written):
     def _closing(self, closes: str) -> str:
         """How much of the gap closes, in words."""
 
+    def _nearer(self, closes: str) -> str:
+        """How much nearer the nearest is although it does not explain; nothing where it is not."""
+        return self._closing(closes) if self.gap.closed > 0 else ""
+
     @property
     def _small(self) -> str:
         """That what is named changes less than matters, if so."""
@@ -144,9 +148,8 @@ class Explained(Written):
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            if not (found and self._sure and self.gap.closed > 0):
-                return f"{nothing}."
-            return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
+            nearer = self._nearer(closes) if found and self._sure else ""
+            return f"{nothing}; the nearest is {found}. {nearer}{also}" if nearer else f"{nothing}."
         other = self.next_best
         odds = ""
         if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
@@ -406,6 +409,13 @@ class DiagnosisReport(BesideDecays, Explained):
     @property
     def _differ(self) -> bool:
         return any(d.exceeds(self.tolerance) for d in self.differences)
+
+    def _nearer(self, closes: str) -> str:
+        nearer, (before, after) = super()._nearer(closes), (self.differences, self.whole)
+        if nearer or not any(d.apart for d in before) or any(d.apart for d in after):
+            return nearer
+        told = words.difference(after, self.tolerance, self.gap.shown)
+        return f"With it, cycle by cycle: {told} A simulation of all of it is no nearer."
 
     @property
     def _small(self) -> str:
