@@ -51,6 +51,18 @@ def twice():
     return rs.inspect(Recording(t, np.stack([other, x], axis=1), ["base", "tip"]))
 
 
+def test_columns_that_are_several_tests_are_not_taken_together():
+    """The same mode in another test, 2 % slower: no sensor of the same motion moves so."""
+    one, other = (decay(f, 0.01, T) + noise(len(T), seed=k) for k, f in enumerate((LOW, 10.8)))
+    base = 0.3 * one + noise(len(T), seed=2)
+    x = np.stack([one, 0.9 * other, base], axis=1)
+    found = rs.inspect(Recording(T, x, ["test 1", "test 2", "base"]))
+    assert found.in_phase(found.dominant) == ("test 1", "base")
+    first, *_ = next_steps(found, "romsindy identify file.csv")
+    assert first == "romsindy identify file.csv --column 'test 1' --column base"
+    assert summary(found).endswith("Left out: channel test 2.")
+
+
 def test_modes_and_their_ratio(pair):
     """Frequency within 1e-4, damping ratio within 3 %: what 60 dB leave of exact values."""
     assert [m.number for m in pair.modes] == [1, 2]

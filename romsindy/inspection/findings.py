@@ -317,8 +317,12 @@ class Findings:
         number = next(k for k, v in enumerate(vibrations) if v is mode.parts[i])
         notes = self._notes(i, (self.channel,))
         if len(self.together) > 1:
-            x, note = self._together(i, vibrations[number])
-            notes = (*notes, note)
+            x, shape = self._together(i, vibrations[number])
+            own = dict(zip(self.together, shape.tolist(), strict=True))
+            left = [name for name, s in own.items() if not s]
+            used = listed([f"{name} ({s:+.3g})" for name, s in own.items() if s])
+            note = f"channels {used} together, as displacement of {self.channel}"
+            notes = (*notes, note + (f"; not in phase with it: {listed(left)}" if left else ""))
             vibrations = find_vibrations(x, float(t[1] - t[0]), vibrations[number].derivative)
             off = [abs(v.mean_frequency / mode.mean_frequency - 1) for v in vibrations]
             number = int(np.argmin(off))
@@ -341,13 +345,17 @@ class Findings:
         inside = [d for d in self.defects if d.start <= part.end and d.end >= part.start]
         return (*notes, *(str(d) for d in inside if d.channel in ("", *channels)))
 
-    def _together(self, i: int, vibration: Vibration) -> tuple[Array, str]:
-        """The channels as one for a vibration, scaled to the main one, and how in words."""
+    def _together(self, i: int, vibration: Vibration) -> tuple[Array, Array]:
+        """The channels as one for a vibration, scaled to the main one, and what each has of it."""
         part = self.releases[i]
         inside = self.cleaned.between(part.start, part.end).channel(*self.together)
         main = self.together.index(self.channel)
-        x, shape = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
-        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, shape, strict=True) if s]
-        left = [n for n, s in zip(self.together, shape, strict=True) if not s]
-        note = f"channels {listed(used)} together, as displacement of {self.channel}"
-        return x, note + (f"; not in phase with it: {listed(left)}" if left else "")
+        return together(inside.t - inside.t[0], inside.x, main, vibration.tone)
+
+    def in_phase(self, mode: Mode) -> tuple[str, ...]:
+        """Channels that move in phase with the main one in a mode, itself among them."""
+        if len(self.together) == 1:
+            return self.together
+        first, part = next((i, v) for i, v in enumerate(mode.parts) if v is not None)
+        shape = self._together(first, part)[1]
+        return tuple(n for n, s in zip(self.together, shape, strict=True) if s)

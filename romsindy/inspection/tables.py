@@ -131,7 +131,8 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     used = f"Used: mode {mode.number} at {mode.hertz} Hz"
     if mode is found.mode() and sum(not m.steady for m in found.modes) > 1:
         used += ", which moves most,"
-    channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
+    inside = found.in_phase(mode)
+    channels = f"channel{'s' * (len(inside) > 1)} {listed(inside)}"
     used += f" in {channels}, release{'s' * (len(names) > 1)} {listed(names)}."
     left = [m for m in found.modes if m is not mode]
     left = sorted(left, key=lambda m: -m.share)
@@ -140,7 +141,7 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     out = [f"{kinds[m.steady]} {m.number} at {m.hertz} Hz" for m in left[:_MOST_LEFT]]
     out += [f"{len(left) - _MOST_LEFT} more"] if len(left) > _MOST_LEFT else []
     out += [f"release {listed(rest)}"] if rest else []
-    out += [f"channel {name}" for name in found.recording.names if name not in found.together]
+    out += [f"channel {name}" for name in found.recording.names if name not in inside]
     used = f"{used} Left out: {', '.join(out)}." if out else used
     r = found.recording
     guessed = r.basis.startswith(("name", "assumed"))  # no unit and no code says it
@@ -176,13 +177,18 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     if len(found.rings_in(main)) > 1:
         choices.append(("release", found.rings_in(main)[0] + 1))
     if command:
-        used = found.together if len(found.together) <= _MOST_TOGETHER else (found.channel,)
-        names = "".join(f" --column {shlex.quote(name)}" for name in used)
-        start = command + names if channels[1:] else command
-        yield start
-        yield from (f"{start} --{name} {value}" for name, value in choices[:_MOST_STEPS])
+
+        def of(inside: Sequence[str]) -> str:
+            used = inside if len(inside) <= _MOST_TOGETHER else (found.channel,)
+            names = "".join(f" --column {shlex.quote(name)}" for name in used)
+            return command + names if channels[1:] else command
+
+        alike = found.in_phase(main)
+        yield of(alike)
+        whole = of(found.together)
+        yield from (f"{whole} --{name} {value}" for name, value in choices[:_MOST_STEPS])
         heard = [n.channel for n in found.noise if n.rings]
-        alone = [shlex.quote(name) for name in heard if (name,) != used and channels[1:]]
+        alone = [shlex.quote(name) for name in heard if (name,) != alike and channels[1:]]
         yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
     else:
         yield "rs.identify(seen.decays())"

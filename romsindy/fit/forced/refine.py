@@ -8,6 +8,7 @@ has not: there they are fitted in pieces (`romsindy.fit.kernel.pieces`).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, cast
@@ -232,12 +233,14 @@ class Driven:
         if whole is not None and (whole.solution.interrupted or not _astray(whole)):
             return whole
         count = min(round(_turns(self.records) / _CYCLES), _MOST)
-        if count < 2 or model.memories:  # what is remembered goes from piece to piece
-            return _or_raised(whole, failure)
-        try:
-            short = self._fit(model, beside, _cut(self.records, count))
-        except TrajectoryError:
-            return _or_raised(whole, failure)
+        short = None
+        if count > 1 and not model.memories:  # what is remembered goes from piece to piece
+            with suppress(TrajectoryError):
+                short = self._fit(model, beside, _cut(self.records, count))
+        if short is None:
+            if whole is None:
+                raise failure
+            return whole
         if whole is not None and _felt(whole) <= 1 and _as_well(whole, short):
             return whole
         return self._longer(short, count)
@@ -382,9 +385,3 @@ def _power(fit: Fit) -> float:
     pairs = zip(fit.records, fit.residuals, strict=True)
     left = [e for r, e in pairs if r.driven]
     return sum(float(e @ e) for e in left) / (sum(map(len, left)) - fit.solution.n_values)
-
-
-def _or_raised(fit: Fit | None, failure: TrajectoryError) -> Fit:
-    if fit is None:
-        raise failure
-    return fit
