@@ -159,13 +159,21 @@ def test_what_a_way_cannot_have_is_refused_with_a_remedy():
         (several, {"terms": [Stiffness(3)], "fixed": {"b": 1.0}}, "fixed names ['b'], but there"),
         (several, {"terms": [Stiffness(3)], "fixed": ["b"]}, "fixed = ['b'] must map names to"),
         (several, {"terms": [], "curvature": 0.0}, "must be left out where terms are given"),
-        (several, {"terms": ["gamma_3"]}, "terms = ['gamma_3'] must be a list of laws"),
-        (several, {"terms": Stiffness(3)}, "must be a list of laws of one coordinate, such as"),
+        (several, {"terms": "gamma_3"}, "terms = 'gamma_3' must be a list, such as ['gamma_3']"),
+        (several, {"terms": Stiffness(3)}, "must be a list, such as ['gamma_3']"),
+        (several, {"terms": ["gama_3"]}, "coefficient name 'gama_3' is not known: use"),
+        (several, {"terms": ["gamma_3 [q1]"]}, "give names or laws of one coordinate, such as"),
         (driven, {"order": 2.5}, "order = 2.5 must be a whole number, 1 or more"),
     ):
         with pytest.raises(ValueError) as refused:
             rs.identify(records, **asked)
         assert message in str(refused.value)
+
+
+def test_terms_are_named_or_given_as_laws():
+    decay = rs.example_decay(40, periods=20, samples=30)
+    named, given = (rs.identify(decay, terms=t) for t in (["gamma_3"], (Stiffness(3),)))
+    assert named.model == given.model and "gamma_3" in named.free
 
 
 @pytest.mark.parametrize("name", ["identify_coupled", "identify_forced", "free_run", "study"])

@@ -415,7 +415,8 @@ class DiagnosisReport(BesideDecays, Explained):
         if nearer or not any(d.apart for d in before) or any(d.apart for d in after):
             return nearer
         told = words.difference(after, self.tolerance, self.gap.shown)
-        return f"With it, cycle by cycle: {told} A simulation of all of it is no nearer."
+        told = told[0].lower() + told[1:]
+        return f"With it, cycle by cycle, {told} A simulation of the whole record is no nearer."
 
     @property
     def _small(self) -> str:

@@ -19,6 +19,7 @@ from romsindy.fit.refine import refine, refine_terms
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import term_from_key
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
@@ -30,7 +31,7 @@ def identify(
     records: Measured | Sequence[Measured],
     coordinates: int | str = 1,
     *,
-    terms: Sequence[Term] | None = None,
+    terms: Sequence[Term | str] | None = None,
     fixed: Mapping[str, float] | None = None,
     order: int = 5,
     curvature: float | None = None,
@@ -47,9 +48,10 @@ def identify(
     coordinates : int or "auto"
         How many vibrations are modelled: the strongest, or as many as the data need. Records of
         several channels, and more than one coordinate, take the way of several.
-    terms : sequence of Term, optional
-        What the model has beside linear stiffness and viscous damping; then nothing is chosen. Of
-        several coordinates those of a `CoupledModel`, and their number is given.
+    terms : sequence of Term or str, optional
+        What the model has beside linear stiffness and viscous damping, by the names of coefficients
+        or as laws; then nothing is chosen. Of several coordinates those of a `CoupledModel`, and
+        their number is given.
     fixed : mapping, optional
         Known coefficients, such as ``{"omega^2": 1482.0}``, or ``{"omega^2 [q1]": 1482.0}`` of
         several coordinates, by frequency; in the unit of the records and seconds.
@@ -78,8 +80,8 @@ def identify(
 
     Examples
     --------
-    >>> from romsindy import ROMLibrary, example_decay
-    >>> terms = ROMLibrary(inertia=(3, 4, 5), stiffness=(2, 3), damping=()).terms
+    >>> from romsindy import example_decay
+    >>> terms = ["gamma_2", "gamma_3", "Upsilon_3", "Upsilon_4", "Upsilon_5"]
     >>> fit = identify(example_decay(40, periods=20, samples=30), terms=terms)
     >>> f"{fit.model.coefficients['Upsilon_3']:.1f} 1/m^2", fit.verdict.explained
     ('0.3 1/m^2', True)
@@ -87,18 +89,21 @@ def identify(
     several = listed_records(records, "records")
     driven = Given.of(several).driven
     one = coordinates == 1 and not isinstance(coordinates, bool)
+    laws: Sequence[Term] | None = None
     if terms is not None:
         _require(curvature is None, "curvature", curvature, "left out where terms are given")
-    if terms is not None and one:
-        return refine_terms(several, terms, fixed or {}, progress)
+        _require(isinstance(terms, (list, tuple)), "terms", terms, "a list, such as ['gamma_3']")
+        laws = [term_from_key(t) if isinstance(t, str) else t for t in terms]
+    if laws is not None and one:
+        return refine_terms(several, laws, fixed or {}, progress)
     if one and not driven and all(r.n_channels == 1 for r in several):
         known = CURVATURE if curvature is None else curvature
         decays = several_decays(several)
         return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
     where = "where inputs drive the motion" if driven else "for several channels or coordinates"
     _require(curvature is None, "curvature", curvature, f"left out {where}")
-    if terms is not None:
-        start = model_with_terms(several, coordinates, terms, fixed or {})
+    if laws is not None:
+        start = model_with_terms(several, coordinates, laws, fixed or {})
         return refine(start, several, fixed=tuple(fixed or ()), progress=progress)
     if driven:
         return identify_forced(several, order, coordinates, fixed=fixed, progress=progress)

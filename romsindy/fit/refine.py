@@ -117,11 +117,9 @@ def refine_terms(
 
     Its values start from least squares on the smooth motions; ``fixed`` ones stay as they are.
     """
-    wrong = terms if not isinstance(terms, (list, tuple)) else [t for t in terms if not _is_law(t)]
-    if wrong:
+    if wrong := [t for t in terms if isinstance(t, CoupledTerm) or not isinstance(t, Term)]:
         raise ValueError(
-            f"terms = {terms!r} must be a list of laws of one coordinate, such as"
-            " romsindy.physics.stiffness.Stiffness(3)"
+            f"terms hold {wrong}: give names or laws of one coordinate, such as 'gamma_3'"
         )
     laws = tuple({t.key: t for t in (*LINEAR, *terms)}.values())
     require_known(fixed, [t.key for t in laws])
@@ -131,10 +129,6 @@ def refine_terms(
     values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
     model = ReducedModel(laws, values, several[0].unit)
     return refine(model, several, fixed=tuple(fixed), progress=progress)
-
-
-def _is_law(term: object) -> bool:
-    return isinstance(term, Term) and not isinstance(term, CoupledTerm)
 
 
 def _seen(
