@@ -186,6 +186,9 @@ def test_signals_without_common_amplitudes_have_words_for_it():
     assert_allclose([float(a) for a in after.split(" to ")], ends, rtol=0.07)
     assert rows["frequency, % off"][0] == rows["damping ratio, % off"][0] == "-"
     assert rows["waveform, % of amplitude"][0].endswith("(all that differs)")
+    # The amplitudes are those of the record: not where it passes zero.
+    (apart,) = found.differences_before
+    assert apart.apart and apart.amplitude == pytest.approx(ends, rel=0.07)
 
 
 def test_a_record_has_one_name_in_sentence_and_table():

@@ -418,7 +418,7 @@ def _apart(record: Record, simulated: Array) -> Difference:
     peak = float(np.abs(record.signal).max())
     power = float(np.mean((record.signal - simulated) ** 2)) - record.noise.std**2
     power = power if np.isfinite(power) else np.inf
-    amplitude = np.abs(record.motion.q)
+    amplitude = np.hypot(record.motion.q, record.motion.q_dot / record.rate)
     noise = record.noise.std / peak
     nan = float("nan")
     return Difference(
