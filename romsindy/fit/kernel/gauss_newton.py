@@ -94,12 +94,9 @@ def fit(
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
         beyond = rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
-        enough = 0.02 + 1e-6 * chi_squared
-        # Along a valley of values that make up for one another a step leaves the curved floor; at a
-        # jump, such as friction's, steps go round, and have nothing to gain.
-        near = abs(last - chi_squared) < enough + beyond
-        near &= system.power < last + _OFF_THE_FLOOR + beyond
-        converged = short == 1.0 and (near or system.power - chi_squared < enough)
+        near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
+        # Along a valley of values that make up for one another a step leaves the curved floor.
+        converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
         if converged:
             break
         last = chi_squared
