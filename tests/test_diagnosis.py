@@ -167,6 +167,7 @@ def test_the_nearest_is_told_where_it_brings_cycles_together():
     assert all(d.apart for d in apart) and lost.gap.closed == 0
     assert "explains it; the nearest is the coefficient gamma_3 4" in lost.sentence
     assert "With it, cycle by cycle, they agree within" in lost.sentence
+    assert f"It closes nothing of the gap on {lost.gap.where}." in lost.sentence
     nothing = replace(lost, differences=result.differences)
     assert "explains it.\n" in nothing.sentence
 

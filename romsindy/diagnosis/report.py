@@ -416,7 +416,7 @@ class DiagnosisReport(BesideDecays, Explained):
             return nearer
         told = words.difference(after, self.tolerance, self.gap.shown)
         told = told[0].lower() + told[1:]
-        return f"With it, cycle by cycle, {told} A simulation of the whole record is no nearer."
+        return f"With it, cycle by cycle, {told} {self._closing(closes)}"
 
     @property
     def _small(self) -> str:

@@ -183,13 +183,12 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
             names = "".join(f" --column {shlex.quote(name)}" for name in used)
             return command + names if channels[1:] else command
 
-        alike = found.in_phase(main)
-        yield of(alike)
-        whole = of(found.together)
-        yield from (f"{whole} --{name} {value}" for name, value in choices[:_MOST_STEPS])
-        heard = [n.channel for n in found.noise if n.rings]
-        alone = [shlex.quote(name) for name in heard if (name,) != alike and channels[1:]]
-        yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
+        alike = of(found.in_phase(main))
+        start = {"mode": of(found.together), "release": alike}
+        yield alike
+        yield from (f"{start[name]} --{name} {value}" for name, value in choices[:_MOST_STEPS])
+        alone = [of((n.channel,)) for n in found.noise if n.rings and channels[1:]]
+        yield from [line for line in alone if line != alike][:_MOST_STEPS]
     else:
         yield "rs.identify(seen.decays())"
         calls = (f"rs.identify(seen.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
