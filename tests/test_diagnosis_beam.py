@@ -509,6 +509,11 @@ def test_any_beam_is_read_from_a_file(tmp_path):
     assert [s.at for s in sensors.sensors] == [0.1, 0.15] and columns == ["a", "b"]
     file.write_text(BEAM_FILE.replace('right = "clamped"', "right = 2.5"))
     assert load_beam(file)[0].right == Support.elastic(2.5)
+    # Of a section itself nobody asks what it is made of: no stretch at all is a way to model.
+    rectangle = BEAM_FILE[BEAM_FILE.index("[beam.rectangle]") : BEAM_FILE.index("[[beam.masses]]")]
+    stiff = "[beam.section]\nEA = 1e12\nGA = 1e9\nEI = 0.1\nmass = 0.05\n"
+    file.write_text(BEAM_FILE.replace(rectangle, stiff))
+    assert load_beam(file)[0].section.EA == 1e12
 
 
 @pytest.mark.parametrize(
