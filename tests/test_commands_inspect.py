@@ -248,25 +248,30 @@ def test_several_channels(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("header", "name", "options"),
+    ("header", "name", "options", "share", "count"),
     [
-        ("t [s],tip y [m],tip x [m]", "beam.csv", []),
-        ("t [s],tip y [m],tip x [m],temperature [K]", "beam.csv", ["tip x", "tip y"]),
-        ("t [s],tip y [mm],tip x [m]", "beam.csv", ["tip y"]),
-        ("t,a,a", "my beam.csv", []),
-        ('t [s],-x [m],$y\'s "q" [m]', "./-beam.csv", []),
+        ("t [s],tip y [m],tip x [m]", "beam.csv", [], 0.3, 3),
+        ("t [s],tip y [m],tip x [m]", "beam.csv", [], 0.0, 2),
+        ("t [s],tip y [m],tip x [m],temperature [K]", "beam.csv", ["tip x", "tip y"], -0.3, 3),
+        ("t [s],tip y [mm],tip x [m]", "beam.csv", ["tip y"], 0.3, 1),
+        ("t,a,a", "my beam.csv", [], 0.3, 3),
+        ('t [s],-x [m],$y\'s "q" [m]', "./-beam.csv", [], 0.3, 3),
     ],
 )
-def test_every_command_that_is_proposed_runs(run, tmp_path, header, name, options):
-    """Each reads the columns that it names, whatever they and the file are called."""
+def test_every_command_that_is_proposed_runs(run, tmp_path, header, name, options, share, count):
+    """Each reads the columns that it names, whatever they and the file are called.
+
+    Two columns are proposed together only where the second has a share in the first's motion:
+    what moves with its square, twice as fast, is proposed alone.
+    """
     t, q = duffing(1.0, 3, 6.0)
-    axial = -0.1 * q**2 + 1e-3 * np.random.default_rng(4).standard_normal(len(t))
+    second = share * q - 0.1 * q**2 + 1e-3 * np.random.default_rng(4).standard_normal(len(t))
     more = [20 + 0.01 * t] if "temperature" in header else []
-    write(tmp_path / name, t, header, q, axial, *more)
+    write(tmp_path / name, t, header, q, second, *more)
     chosen = [word for column in options for word in ("--column", column)]
     printed = run("inspect", name, *chosen, "--start", 0).output
     commands = re.findall(r"^  romsindy (identify .*)$", printed, re.M)
-    assert len({*commands}) == len(commands) == (1 if len(options) == 1 else 3)
+    assert len({*commands}) == len(commands) == count
     for command in commands:
         words = shlex.split(command)
         result = run("regress", *words[1:])  # reads alike, and is fast
