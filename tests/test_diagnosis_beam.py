@@ -387,6 +387,25 @@ def test_a_parameter_within_its_tolerance_is_no_effect():
     assert report.gap.before > 10 and report.gap.after < 1.1
 
 
+@pytest.mark.slow
+def test_a_damper_comes_before_damping_that_would_be_far_beyond_its_tolerance():
+    """Damping of the mass, known to 10 %, would have to be half as large again."""
+    truth = BEAM.with_effect(Damper().on_beam(0.0042))
+    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.013))]
+    report = rs.diagnose(
+        BEAM,
+        decays[:1],
+        sensors=SEEN.sensors,
+        held_out=decays[1],
+        tolerances={"bending_stiffness": 0.01, "mass_damping": 0.1},
+    )
+    assert report.names == ("viscous",)
+    (damper,) = report.effects
+    error = damper.standard_errors["strength"]  # with that of its place
+    assert abs(damper.values["strength"] - 0.0042) < 3 * error < 0.003
+    assert "mass damping" not in report.sentence
+
+
 @pytest.mark.parametrize(
     ("tolerances", "message"),
     [

@@ -212,11 +212,14 @@ def explanation(
     changes=True,
     lacking=True,
     agrees=False,
+    beyond=(),
+    elsewhere=0.0,
 ):
     """An explanation on stand-ins that hold what the rule looks at, and nothing else."""
     found = SimpleNamespace(
         names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, noise=LEAVES
     )
+    found.beyond, found.misfit_elsewhere = beyond, elsewhere
     found.at = lambda _: found
     found.growth = lambda _: 1.0  # what it leaves is noise
     found.effects, found.moved = (names, ()) if lacking else ((), names)
@@ -254,6 +257,24 @@ def verdict_for(
     rule = Rule(as_it_was, without, without, tolerance, form, exact)
     answer = rule.answer([plain or explanation(**OPEN)], effect)
     return answer.verdict + (", small" if answer.small else "")
+
+
+def test_an_effect_comes_before_values_that_are_beyond_their_tolerance_or_refuted_elsewhere():
+    """Both leave noise: which comes first says by how much one is likelier, which is 20 here."""
+    damping = {"names": ("mass_damping",), "lacking": False, "score": 20.0, "within": True}
+    drag = explanation(within=True)
+
+    def first(**values):
+        as_it_was = SimpleNamespace(differences_before=[change(True)])
+        nothing, linear = (explanation((), misfit=x).hypothesis for x in (100.0, 0.0))
+        rule = Rule(as_it_was, nothing, linear, BEYOND, NO_FORM_ERROR, False)
+        answer = rule.answer([explanation(**damping | values)], drag)
+        return answer.verdict, answer.explanation.hypothesis.names
+
+    assert first() == ("ambiguous", ("mass_damping",))
+    assert first(beyond=("mass_damping",)) == ("ambiguous", ("drag",))
+    assert first(beyond=("mass_damping",), score=5.0) == ("ambiguous", ("mass_damping",))
+    assert first(elsewhere=20.0) == ("named", ("drag",))
 
 
 def test_what_a_hypothesis_leaves():

@@ -9,7 +9,13 @@ import numpy as np
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, Weighed
+from romsindy.diagnosis.evidence import (
+    NO_FORM_ERROR,
+    FormError,
+    Hypothesis,
+    Weighed,
+    said_elsewhere,
+)
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
 from romsindy.effects import look_alikes
@@ -254,9 +260,9 @@ class DecaySearch(Search):
 
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""
-        singles = screening.singles()
+        singles = self._heard(screening.singles(), best)
         needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
-        now = min(screening.base, best.at(NO_FORM_ERROR).misfit)
+        now = min(screening.base, best.at(NO_FORM_ERROR).misfit) + best.misfit_elsewhere
         if not singles or now - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
@@ -265,6 +271,16 @@ class DecaySearch(Search):
             return []
         tried = self.ranked([*self.further(tried[:3]), *tried[3:]])
         return self.ranked([self.settled(tried[0]), *tried[1:]])
+
+    def _heard(self, singles: Sequence[Screened], best: Hypothesis) -> list[Screened]:
+        """Candidates with what other modes say of each beside a hypothesis, best first."""
+        known, names = self.noise.elsewhere, frozenset(p.effect.name for p in best.effects)
+
+        def heard(s: Screened) -> Screened:
+            more = said_elsewhere(known, names | {s.effect.name})
+            return replace(s, chi_squared=s.chi_squared + more)
+
+        return sorted(map(heard, singles), key=lambda s: s.chi_squared)
 
     def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
         """The best effects and what resembles them, and a second start for the leaders."""

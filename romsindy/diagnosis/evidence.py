@@ -344,14 +344,12 @@ class Hypothesis:
     @property
     def score(self) -> float:
         """Misfit, here, on what took no part and in other modes, plus price: the least is best."""
-        return self.misfit + self.price + self.tested + self._elsewhere
+        return self.misfit + self.price + self.tested + self.misfit_elsewhere
 
     @property
-    def _elsewhere(self) -> float:
-        """Misfit in other modes: of what is not known, that of its likeliest part, or of none."""
-        names = frozenset(p.effect.name for p in self.effects)
-        known = [m for of, m in self.elsewhere.items() if of <= names]
-        return self.elsewhere.get(names, min(known, default=0.0))
+    def misfit_elsewhere(self) -> float:
+        """Misfit in other modes, see `said_elsewhere`."""
+        return said_elsewhere(self.elsewhere, frozenset(p.effect.name for p in self.effects))
 
     @property
     def effects(self) -> tuple[Part, ...]:
@@ -438,7 +436,8 @@ class Hypothesis:
     @property
     def said(self) -> set[str]:
         """Names of all that is not as in the simulation."""
-        return {p.effect.name for p in self.effects}.union(self.moved).difference(self.unsaid)
+        values = {*self.moved, *self.beyond}
+        return {p.effect.name for p in self.effects}.union(values).difference(self.unsaid)
 
     @property
     def beyond(self) -> tuple[str, ...]:
@@ -455,6 +454,11 @@ class Hypothesis:
         return Worth.of(self.solution, solved, n_unsure, self.n_free, self.n_samples)
 
 
+def said_elsewhere(known: Mapping[frozenset[str], float], names: frozenset[str]) -> float:
+    """Misfit of effects in other modes; of those that are not known that of the likeliest part."""
+    return known.get(names, min((m for of, m in known.items() if of <= names), default=0.0))
+
+
 def pays(before: Hypothesis, after: Hypothesis, n_candidates: int, false_alarm: float) -> bool:
     """Whether it gains more than chance would to say more, over all that was looked at.
 
@@ -465,7 +469,8 @@ def pays(before: Hypothesis, after: Hypothesis, n_candidates: int, false_alarm: 
         return False
     more = max(len(after.effects) - len(before.effects), 1)
     looks = 2 * float(np.log(max(n_candidates, 1)))
-    gain, price = before.misfit - after.misfit, after.price - before.price
+    then, now = (h.misfit + h.misfit_elsewhere for h in (before, after))
+    gain, price = then - now, after.price - before.price
     n_values = _count(after) - _count(before)
     alarm = chi2.isf(false_alarm * np.exp(-looks / 2 * more), max(n_values, more))
     return bool(gain > alarm and gain > price + more * looks)

@@ -128,7 +128,10 @@ class Validation:
                 break
             if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
                 return self._with(found, best), True
-            values = [h.material if fewer[i].forced else h.moved for h in (fewer[i], best)]
+            if fewer[i].misfit_elsewhere - best.misfit_elsewhere > EQUIVALENT:
+                break  # other modes ask for it
+            either = (fewer[i], best)
+            values = [h.material if fewer[i].forced else h.moved + h.beyond for h in either]
             if len(values[0]) > len(values[1]):
                 # Values of the model in its place are another explanation, not a simpler one.
                 apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * scale

@@ -149,7 +149,7 @@ class Rule:
         coefficient of a model is so well known that another value of it would gain nothing.
         """
         likeliest = min(values, key=lambda found: found.hypothesis.score)
-        enough = [found for found in values if self._enough(found)]
+        enough = [v for v in values if self._enough(v) and not self._refuted(v, effect)]
         plain = min(enough, key=_plainest, default=likeliest)
         moved = bool(enough) and self._moved(plain)
         # Beside values that moved and are enough, several effects are no headline.
@@ -169,6 +169,9 @@ class Rule:
                 return Answer("named" if sole else "ambiguous", plain)
             better = effect.leaves_noise and not plain.leaves_noise
             first = better and self._likelier(effect, plain, 0.0)
+            # A value beyond its tolerance is as unlikely as that says.
+            beyond = bool(plain.hypothesis.beyond)
+            first |= beyond and self._likelier(effect, plain, EQUIVALENT)
             return Answer("ambiguous", *((effect, plain) if first else (plain, effect)))
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
@@ -192,6 +195,12 @@ class Rule:
             return True
         closed = plain.gap.closed >= MOSTLY_CLOSED or not plain.hypothesis.names
         return closed and plain.leaves(self.tolerance, self.form) != "effect"
+
+    def _refuted(self, plain: Explanation, effect: Explanation | None) -> bool:
+        """Whether other modes say that an effect is there, and no values in its place."""
+        if effect is None or plain.hypothesis.misfit_elsewhere <= EQUIVALENT:
+            return False
+        return self._likelier(effect, plain, EQUIVALENT)
 
     def _sees_through(
         self, plain: Explanation, likeliest: Explanation, effect: Explanation

@@ -70,7 +70,9 @@ def diagnose_model(
     if not found.interrupted:
         found, records = _validated(search, exact, found, records)
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
-    own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
+    unsure = [p.effect.name for p in parts]
+    linear = (LinearFrequency.name, Viscous.name, *(v.name for v in others))
+    own = frozenset(linear if own_values else unsure)
     compared = [predict(model, (), r, name) for name, r in records.compared.items()]
     on_tests = Gap(tuple(compared), bool(records.tests))
     explained = partial(_explained, search, on_tests, as_it_was, own)
