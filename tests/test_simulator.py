@@ -444,3 +444,61 @@ def test_all_channels_tell_a_dashpot_from_damping_of_the_structure():
         report = rs.diagnose(simulate, decay, catalogue=[Viscous()], parameters={"eta": 1e-3})
         assert report.verdict == "named" and report.names == (name,)
         assert max(e.after for e in report.sensor_errors) < 1.1
+
+
+# -- two masses in a row: what all sensors tell, and one mode does not ---------------------------
+
+
+def chain(release, t, k1=900.0, k2=1500.0, c1=0.15, m2=0.8):
+    """Two masses, 1.2 and m2 kg, let go from a pull at the second: exact, by eigenvectors."""
+    x = np.array([1 / k1, 1 / k1 + 1 / k2])
+    rates = np.zeros((4, 4))
+    rates[:2, 2:] = np.eye(2)
+    rates[2] = np.array([-k1 - k2, k2, -c1 - 0.2, 0.2]) / 1.2
+    rates[3] = np.array([k2, -k2, 0.2, -0.2]) / m2
+    values, vectors = np.linalg.eig(rates)
+    start = np.linalg.solve(vectors, np.concatenate([x * release / x[0], [0.0, 0.0]]))
+    return ((np.exp(np.outer(t - t[0], values)) * start) @ vectors.T).real[:, :2]
+
+
+CHAIN_T = np.arange(5000) / 250
+
+
+def chain_record(seed, **values):
+    """At 40 dB, in mm."""
+    x = chain(20.0, CHAIN_T, **values)
+    noise = 0.01 * x.std(axis=0) * np.random.default_rng(seed).standard_normal(x.shape)
+    return rs.Decay(CHAIN_T, x + noise, unit="mm")
+
+
+@pytest.mark.slow
+def test_all_sensors_tell_values_that_the_first_mode_does_not():
+    """Stiffnesses 2 and -3 % off: one frequency has many such pairs, both modes have this one.
+
+    Within three standard errors of the truth, which are a part of the tolerances.
+    """
+    truth = {"k1": 918.0, "k2": 1455.0, "c1": 0.165}
+    given = {"k1": (900.0, 0.03), "k2": (1500.0, 0.03), "c1": (0.15, 0.1)}
+    report = rs.diagnose(chain, chain_record(22, **truth), parameters=given)
+    assert report.verdict == "none"
+    assert max(e.after for e in report.sensor_errors) < 1.1
+    best = report.reduced.best
+    rows = zip(best.parts, best.solution.slices(), strict=True)
+    found = {
+        p.effect.name: (p.values[0], best.covariance[own, own][0, 0] ** 0.5) for p, own in rows
+    }
+    for name, value in truth.items():
+        change, error = found[name]
+        assert abs(given[name][0] + change - value) < 3 * error
+        assert error < 0.15 * given[name][0] * given[name][1]
+
+
+@pytest.mark.slow
+def test_a_value_without_tolerance_is_told_where_others_leave_more_than_noise():
+    """The second mass is 7 % heavier: two stiffnesses within 2 % follow the first mode as well."""
+    given = {"k1": (900.0, 0.02), "k2": (1500.0, 0.02), "m2": 0.8}
+    report = rs.diagnose(chain, chain_record(23, m2=0.856), parameters=given)
+    assert report.verdict == "named" and report.reduced.best.names == ("m2",)
+    (effect,) = report.effects
+    assert abs(effect.values["strength"] - 0.056) < 3 * effect.standard_errors["strength"] < 0.006
+    assert max(e.after for e in report.sensor_errors) < 1.1

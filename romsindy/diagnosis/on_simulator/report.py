@@ -83,7 +83,8 @@ class SimulatorReport(StructureReport):
                 f" {worst.before:.3g} times the noise to {left_over(worst.part, worst.after)}."
             )
         if self.not_there and not self.trouble:
-            why = "it takes no force" if self.seen.scale is None else "no force of t, x, v is that"
+            takes = self.seen.scale is not None
+            why = "it takes forces of x and v" if takes else "it takes no force"
             if self.sensor_errors:
                 why = "with that it comes no nearer to the records"
             lines.append(
@@ -97,9 +98,11 @@ class SimulatorReport(StructureReport):
         """What the simulator was asked for."""
         releases = [abs(r) for r, _ in self.seen.released]
         unit = self.reduced.nominal.unit or "[q]"
+        least, most = (f"{x:.3g}" for x in (min(releases), max(releases)))
+        reach = f"from {most}" if least == most else f"from {least} to {most}"
         return (
-            f"Simulator: {len(self.seen.simulator.computed)} decays from {min(releases):.3g} to"
-            f" {max(releases):.3g} {unit}; its equation of one coordinate leaves"
+            f"Simulator: {len(self.seen.simulator.computed)} decays {reach}"
+            f" {unit}; its equation of one coordinate leaves"
             f" {percent(self.missed)} of the amplitude, which was taken off."
         )
 

@@ -31,7 +31,9 @@ from romsindy.typing import Array
 _NEAR = 0.3  # of the largest velocity: a record that begins below it may begin with its release
 _CYCLES = 3  # at the start of a record, which tell the state that it begins with
 _STILL = 0.02  # the same where no other mode tells
-_TELLS = 1.02  # of what is left one way, the other: less may be noise
+# Of what is left one way, the other: less may be noise. A record that begins as a release does is
+# hardly cut just there; with wrong values the other modes tell badly.
+_TELLS, _TELLS_OF_REST = 1.02, 2.0
 _FIRST = 2.0  # cycles in which other modes tell
 _AT_REST = 1e-6  # of the largest velocity: a motion that begins so turns there
 _CREEP = 3e-3  # of the largest velocity, over which friction in a simulator turns round
@@ -98,13 +100,17 @@ def _other_modes(measured: Array, simulated: Array) -> float:
 
 
 class Beginning(NamedTuple):
-    """How a record begins: so many turns after its release, and by how much more than was fitted.
+    """How a record begins: so many turns after its release, and with which state of the coordinate.
 
-    Without any turn it begins with its release.
+    Without any turn it begins with its release. Without a state this is read from the record.
     """
 
     turns: int
-    size: float = 1.0
+    state: tuple[float, float] | None = None
+
+    def larger(self, start: tuple[float, float], by: float) -> Beginning:
+        """The same with a state that is known: so many times another one."""
+        return self._replace(state=(by * start[0], by * start[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,8 +241,8 @@ class OnSimulator:
         Other modes in its first cycles say how long ago it was released; where they say nothing, it
         was at the turning point before, or where it begins if its velocity is next to none.
         """
-        size = 1.0 if release is None else release.size
-        begins = size * start[0], size * start[1]
+        known = None if release is None else release.state
+        begins = known or start
         most = _EARLIEST if release is None else max(release.turns, 1)
         past = Past.of(equation, begins, record.rate, most)
         turns = int(past.speed > _STILL) if release is None else release.turns
@@ -248,7 +254,7 @@ class OnSimulator:
             if turns != run.turns:
                 run = self._run(past, turns, parts, record, float(record.t[-1]))
         readings = [run.read(record.t, order) for order in range(3)]
-        return Moved(readings, past.start(run.turns), Beginning(run.turns, size))
+        return Moved(readings, past.start(run.turns), Beginning(run.turns, known))
 
     def _run(
         self, past: Past, turns: int, parts: Sequence[Part], record: Record, end: float
@@ -293,8 +299,9 @@ class OnSimulator:
 
         slow = usual.read(first, order) - ringing(usual.turns)
         left = {k: _other_modes(measured, slow + ringing(k)) for k in known}
-        best = min(known, key=lambda k: left[k])
-        return best if left[best] * _TELLS < left[usual.turns] else usual.turns
+        best, least = min(known, key=lambda k: left[k]), left[usual.turns]
+        told = _TELLS if usual.turns else _TELLS_OF_REST
+        return best if left[best] * told < least else usual.turns
 
 
 class Run(NamedTuple):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from romsindy.diagnosis.all_sensors import (
     without,
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
-from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator
+from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, ValueEffect
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.structure import Corrected, as_measured, key_of, sensor_errors, with_signal
@@ -29,12 +29,17 @@ from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, moved_parts
+from romsindy.fit.records.record import scales
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
 _LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
+_TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
+# Cycles of the first look at all sensors, steps of each, and how much longer the next is
+_FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
 _LISTENED = 2  # times that all sensors are heard, each with the best so far in the simulator
 _MOST = 3  # explanations that they are heard of: the best, and two that are simulated
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
@@ -54,6 +59,9 @@ class SimulatorRounds(Rounds):
 
     structure: OnSimulator
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
+    # Of the values in the simulator, by all sensors, where it was brought nearer to the records
+    variances: dict[tuple[str, str], Array] = field(default_factory=dict)
+    there: bool = False  # whether the last step towards the records was within its errors
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
@@ -83,7 +91,8 @@ class SimulatorRounds(Rounds):
         """The same with the values that its best has in the simulator."""
         found = {key_of(p): p.values for p in report.best.parts}
         more = {key_of(p): p.values - found[key_of(p)] for p in parts if key_of(p) in found}
-        best = replace(report.best, weighed=InSimulator(report.best.weighed, more))
+        given = (report.best.weighed, more, self.variances)
+        best = replace(report.best, weighed=InSimulator(*given))
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         return replace(report, best=best, rivals=rivals) if more else report
 
@@ -106,13 +115,22 @@ class SimulatorRounds(Rounds):
 
     def _polished(self, best: Outcome) -> Outcome:
         """The same, but for its report, with the simulator as near to the records as it comes."""
+        best = self._changed(best, self._nearer)
+        grown = self._changed(best, self._grown, 1)
+        return best if grown is best else self._changed(grown, self._nearer)
+
+    def _changed(
+        self, best: Outcome, change: Callable[[Outcome], tuple[Part, ...]], times: int = _POLISHED
+    ) -> Outcome:
+        """The same, as long as a change of what is in the simulator brings it nearer."""
         error = self.own_error(best.corrected)
-        for _ in range(_POLISHED):
-            if error <= _CLOSE:
+        valued = any(isinstance(p.effect, ValueEffect) for p in best.parts)
+        for _ in range(times):
+            if error <= _CLOSE and (self.there or not valued):
                 break
             self.options.progress(f"{self.structure.what} nearer to the records")
             try:
-                changed = self._nearer(best)
+                changed = change(best)
                 found = self.simulate(changed)
             except self.structure.failures:  # what was found stands, and so does its error
                 break
@@ -128,6 +146,8 @@ class SimulatorRounds(Rounds):
         The simulator is simulated with the likeliest explanation, and looked at again, until that
         is what is found.
         """
+        if len(self.structure.shape) > 1:
+            found = self._with_one_value(found)
         for _ in range(_LISTENED if len(self.structure.shape) > 1 else 0):
             report = found.report
             asked = self.near(report, _MOST)
@@ -154,6 +174,46 @@ class SimulatorRounds(Rounds):
             if found.report.best.names == best.names:
                 break
         return found
+
+    def _with_one_value(self, found: Outcome) -> Outcome:
+        """What is found where values within tolerances leave more than noise of all sensors.
+
+        Each value that was stated without a tolerance is tried beside them: the first mode may not
+        have asked for it.
+        """
+        known, n = scales(self.records), len(self.records)
+        values = [e for e in self.general if isinstance(e, ValueEffect)]
+        done = found.trouble or found.report.best.effects or self.options.over
+        if done or not values or self.own_error(found.corrected) <= _CLOSE:
+            return found
+        misfits = {frozenset[str](): self._misfit(found.parts, found.corrected)}
+        tried: dict[Names, tuple[Part, ...]] = {}
+        try:
+            for effect in values:
+                self.options.progress(f"all sensors beside {effect.name}")
+                names, part = frozenset({effect.name}), Part.of(effect, known, n)
+                tried[names] = self._grown(found._replace(parts=(*found.parts, part)))
+                misfits[names] = self._misfit(tried[names], self.simulate(tried[names]))
+            best = min(tried, key=lambda names: misfits[names])
+            price = float(np.log(sum(r.count for r in self.records)))
+            if misfits[frozenset()] - misfits[best] < price + EQUIVALENT:
+                self.return_to(found.corrected)
+                return found
+            self.elsewhere = {names: x - misfits[best] for names, x in misfits.items()}
+            again = self.run((), self.simulate(tried[best]), tried[best])
+        except self.structure.failures:  # what was found stands
+            self.return_to(found.corrected)
+            return found
+        return found if again.trouble else again
+
+    def _misfit(self, parts: Sequence[Part], found: Sequence[Corrected]) -> float:
+        """Chi-square of what the simulator leaves of all sensors, and of its values."""
+        known = sum((float(p.values[0]) / p.tolerance) ** 2 for p in parts if p.tolerance)
+        for c, raw in zip(found[: self.n_training], self.raw, strict=False):
+            measured = raw.between(c.decay.t[0], c.decay.t[-1]).signal.reshape(len(c.readings), -1)
+            noise = np.array([noise_std(y) for y in measured.T])
+            known += float(np.sum(((measured - c.readings) / noise) ** 2))
+        return known
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
         """What all sensors say of explanations, and of none: minus twice their log-likelihood."""
@@ -206,55 +266,114 @@ class SimulatorRounds(Rounds):
         return max(e.after for several in errors for e in several)
 
     def _nearer(self, best: Outcome) -> tuple[Part, ...]:
-        """What is in the simulator, changed by one step of least squares on its own readings.
+        """What is in the simulator, changed by one step of least squares on whole records."""
+        now = [Now(c.readings, c.start, c.release) for c in best.corrected]
+        parts, self.releases = self._step(best.parts, now)
+        return parts
+
+    def _grown(self, best: Outcome) -> tuple[Part, ...]:
+        """What is in the simulator, fitted to the first cycles of all sensors, and to ever more.
+
+        Over whole records other modes lose step where values are off: no step leads from there.
+        """
+        parts = best.parts
+        releases = [c.release._replace(state=c.start) for c in best.corrected]
+        longest = max(float(r.t[-1]) for r in self.records)
+        end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
+        while True:
+            for _ in range(_STEPS):
+                now = [self._now(i, parts, r, end) for i, r in enumerate(releases)]
+                parts, releases = self._step(parts, now, end)
+            if end >= longest:
+                break
+            end *= _LONGER
+        self.releases = releases
+        return parts
+
+    def _now(
+        self,
+        i: int,
+        parts: Sequence[Part],
+        release: Beginning,
+        end: float = np.inf,
+    ) -> Now:
+        """A motion with some parts, from where a record begins."""
+        record, raw = self.records[i].until(end), self.raw[i]
+        equation = equation_of(self.model, parts, i, record)
+        assert release.state is not None
+        moved = self.structure.moved(equation, parts, record, raw, release.state, release)
+        return Now(moved.readings[record.derivative], moved.start, moved.release)
+
+    def _step(
+        self, parts: tuple[Part, ...], now: Sequence[Now], end: float = np.inf
+    ) -> tuple[tuple[Part, ...], list[Beginning]]:
+        """One step of least squares on the simulator's own readings, up to a time of the records.
 
         Beside it each record may begin a little larger, or later.
         """
-        values = np.concatenate([p.values for p in best.parts])
-        steps = _STEP * np.where(values == 0, 1.0, np.abs(values))
-        rows = [self._linear(i, c, best.parts, steps) for i, c in enumerate(best.corrected)]
+        values = np.concatenate([p.values for p in parts])
+        steps = np.concatenate([self._small(p, end) for p in parts])
+        rows = [self._linear(i, n, parts, steps, end) for i, n in enumerate(now)]
         change = np.zeros(len(steps))
         learnt = rows[: self.n_training]
+        known = np.concatenate(
+            [np.full(p.size, 1 / p.tolerance if p.tolerance else 0.0) for p in parts]
+        )
         for own in (learnt, rows):  # what took no part says how it begins alone
             left = [r.left - r.by_value @ change for r in own]
-            blocks = block_diag(*(r.by_start for r in own))
+            matrix = block_diag(*(r.by_start for r in own))
             free = own is learnt
-            matrix = (
-                np.hstack([np.concatenate([r.by_value for r in own]), blocks]) if free else blocks
-            )
+            if free:
+                whole = np.hstack([np.concatenate([r.by_value for r in own]), matrix])
+                prior = np.hstack([np.diag(known), np.zeros((len(known), matrix.shape[1]))])
+                matrix, left = np.vstack([whole, prior]), [*left, -known * values]
             # A value that is held, or at its limit, moves nothing: it stays.
             size = np.linalg.norm(matrix, axis=0)
             scale = np.where(size > 0, size, 1.0)
-            found = np.linalg.lstsq(matrix / scale, np.concatenate(left))[0] / scale
-            change = found[: len(steps)] if free else change
-        for i, c in enumerate(best.corrected):
-            size = c.release.size * (1 + found[2 * i])
-            self.releases[i] = c.release._replace(size=float(size))
-        return moved_parts(best.parts, change)
+            scaled = matrix / scale
+            found = np.linalg.lstsq(scaled, np.concatenate(left))[0] / scale
+            if free:
+                change = found[: len(steps)]
+                known_to = np.diag(np.linalg.pinv(scaled.T @ scaled, hermitian=True)) / scale**2
+                ends = np.cumsum([p.size for p in parts])[:-1]
+                each = np.split(known_to[: len(steps)], ends)
+                self.variances = {key_of(p): x for p, x in zip(parts, each, strict=True)}
+                self.there = bool(np.all(change**2 <= known_to[: len(steps)]))
+        larger = (1 + found[: 2 * len(now) : 2]).tolist()
+        begins = [n.release.larger(n.start, by) for n, by in zip(now, larger, strict=True)]
+        return moved_parts(parts, change), begins
+
+    def _small(self, part: Part, end: float) -> Array:
+        """Changes of the values of a part, for what they do until a time of the records."""
+        values = np.where(part.values == 0, 1.0, np.abs(part.values))
+        if not isinstance(part.effect, ValueEffect):
+            return np.asarray(_STEP * values)
+        turned = max(r.rate * min(float(r.t[-1]), end) for r in self.records)
+        return np.full(1, _TURN / turned * abs(part.effect.assumed))
 
     def _linear(
-        self, i: int, c: Corrected, parts: tuple[Part, ...], steps: Array
+        self, i: int, now: Now, parts: tuple[Part, ...], steps: Array, end: float
     ) -> LinearReadings:
         """What readings of a record follow, by simulations with small changes."""
         record, raw = self.records[i], self.raw[i]
-        own = raw.between(c.decay.t[0], c.decay.t[-1])
+        own = raw.between(record.decay.t[0], record.decay.t[-1])
         measured = own.signal.reshape(len(own.t), -1)
         noise = np.array([noise_std(y) for y in measured.T])
+        begins = now.release.larger(now.start, 1.0)
 
         def change(there: tuple[Part, ...], release: Beginning, step: float) -> Array:
-            equation = equation_of(self.model, there, i, record)
-            start = tuple(x / c.release.size for x in c.start)
-            moved = self.structure.moved(equation, there, record, raw, start, release)
-            return ((moved.readings[record.derivative] - c.readings) / step / noise).ravel()
+            moved = self._now(i, there, release, end)
+            return ((moved.readings - now.readings) / step / noise).ravel()
 
+        # To both sides: values that nearly do the same are told apart by what is left of both.
         by_value = [
-            change(moved_parts(parts, step * one), c.release, step)
+            sum(change(moved_parts(parts, x * one), begins, x) for x in (step, -step)) / 2
             for step, one in zip(steps, np.eye(len(steps)), strict=True)
         ]
-        larger = c.release._replace(size=c.release.size * (1 + _LARGER))
-        later = np.gradient(c.readings, record.decay.dt, axis=0) / noise
+        larger = now.release.larger(now.start, 1 + _LARGER)
+        later = np.gradient(now.readings, record.decay.dt, axis=0) / noise
         by_start = [change(parts, larger, _LARGER), later.ravel()]
-        left = ((measured - c.readings) / noise).ravel()
+        left = ((measured[: len(now.readings)] - now.readings) / noise).ravel()
         return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
@@ -300,6 +419,14 @@ def chi_squared(rows: Sequence[Array]) -> float:
     return float(np.sum((left - gains @ np.linalg.lstsq(gains, left)[0]) ** 2))
 
 
+class Now(NamedTuple):
+    """A simulated motion: what the sensors read, (n, n_sensors), and how it begins."""
+
+    readings: Array
+    start: tuple[float, float]
+    release: Beginning
+
+
 class LinearReadings(NamedTuple):
     """What is left of a record, (m,) over the noise, and what it follows, (m, k) each.
 
@@ -316,9 +443,17 @@ class InSimulator(Amended):
     """What a fit says of the values in a simulator: those in its equation, and by how much more."""
 
     more: Mapping[tuple[str, str], Array]
+    variances: Mapping[tuple[str, str], Array]  # by all sensors, where these were asked
 
     def amended(self, found: Solved) -> Solved:
         there = [
             p.moved(self.more[key]) if (key := key_of(p)) in self.more else p for p in found.parts
         ]
-        return found._replace(parts=tuple(there))
+        # The equation holds what other modes need as well.
+        covariance, first = found.covariance.copy(), 0
+        for part in found.parts:
+            own = np.arange(first, first + part.size)
+            least = self.variances.get(key_of(part), np.zeros(part.size))
+            covariance[own, own] = np.maximum(covariance[own, own], least)
+            first += part.size
+        return found._replace(parts=tuple(there), covariance=covariance)

@@ -99,8 +99,8 @@ def diagnose_simulator(
         seen=on,
         missed=known.missed,
     )
-    if report.not_there:  # the simulator is what it was
-        return report
+    if report.not_there or report.trouble:  # the simulator is what it was
+        return replace(report, parts=())
     last = decays[-1].between(rounds.calm[-1])
     names = [f"channel {i + 1}" for i in range(len(on.shape))]
     errors = sensor_errors(names, last, (before[-1], found.corrected[-1]))
@@ -178,17 +178,20 @@ def _reduced(
     least = min(float(extract_backbone(r.decay.single()).amplitude.min()) for r in records)
     largest = simulator.decay(release, t, n, values=values)
     simulator.check_again(release, t, n, values)
-    on = OnSimulator(simulator, _shape(largest.displacements), values)
     answers = [largest]
-    for release in _below(on, largest, least):
-        options.progress(f"simulator {simulator.name}: released from {release:.4g}")
-        answers.append(simulator.decay(release, t, n, values=values))
-    series = [on.decay(Decay(a.t, a.displacements, unit=decays[0].unit)) for a in answers]
     try:
+        on = OnSimulator(simulator, _shape(largest.displacements), values)
+        for release in _below(on, largest, least):
+            options.progress(f"simulator {simulator.name}: released from {release:.4g}")
+            answers.append(simulator.decay(release, t, n, values=values))
+        series = [on.decay(Decay(a.t, a.displacements, unit=decays[0].unit)) for a in answers]
         known = model_of_simulation(series)
+    except SimulatorError:
+        raise
     except ValueError as error:
         raise ValueError(
-            f"simulator {simulator.name}, released from {largest.release:.4g}: {error}"
+            f"what simulator {simulator.name} gives, released from {answers[-1].release:.4g}, is no"
+            f" free decay like the measured one: {error}"
         ) from error
     model = replace(known.model, amplitude_range=None)
     begins = [on.start(model, (), Record.of(s, options.floor))[0] for s in series]
