@@ -394,7 +394,7 @@ class DiagnosisReport(BesideDecays, Explained):
         if advice is not None:
             told = advice if self.family is None else replace(advice, rivals=_MEMBERS)
             lines.append(f"Next: {told.sentence}")
-        elif self.verdict == "named" and self.effects:
+        elif self.verdict in ("named", "ambiguous") and self.effects:
             lines.append(f"Next: {words.confirming(self.effects)}")
         return lines
 

@@ -49,13 +49,18 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, shown: S
         known = tolerated(tolerance.over(*worst.amplitude), sure)
         over += ", where they differ most" if worst is not differences[which] else ""
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
-    worst = differences[which]  # all of it: chance is smaller there than in a part
-    tolerance = tolerance.over(*worst.amplitude)
-    known = tolerated(tolerance)
-    told = {k: f"{percent(worst.bound(k))} {_WHERE[k]}" for k in KINDS}
-    agree = [text for k, text in told.items() if worst.agrees(k, tolerance)]
+    # All of it, of every record: chance is smaller there than in a part.
+    several = [d for d in differences if not d.apart]
+    ends = [d.amplitude for d in several]
+    reach = min(low for low, _ in ends), max(high for _, high in ends)
+    over, known = f"over {shown.told(*reach)}", tolerated(tolerance.over(*reach))
+    told = {k: f"{percent(max(d.bound(k) for d in several))} {_WHERE[k]}" for k in KINDS}
+    agree = [
+        text
+        for k, text in told.items()
+        if all(d.agrees(k, tolerance.over(*d.amplitude)) for d in several)
+    ]
     may_differ = [text for text in told.values() if text not in agree]
-    over = _over(worst, shown)
     if not may_differ:
         return f"They agree within {listed(agree)} {over} ({known})."
     unsure = f"may differ by {listed(may_differ)}, which these records do not determine ({known})."
