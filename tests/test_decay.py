@@ -181,3 +181,13 @@ def test_other_bad_input():
 def test_arrays_cannot_be_changed_behind_its_back():
     with pytest.raises(ValueError, match="read-only"):
         Decay(T, Q).q[0] = 1.0
+
+
+@pytest.mark.parametrize(("unit", "remedy"), [("g", r"9\.80665 .* unit='m'"), ("mm/s", "0.001 ")])
+def test_a_unit_of_another_quantity_than_q_is_refused(unit, remedy):
+    """A record of an acceleration in g would become a displacement in "g"."""
+    t = np.arange(1000) / 100
+    x = np.exp(-0.2 * t) * np.cos(20 * t)
+    for make in (Decay.from_acceleration, Decay):
+        with pytest.raises(ValueError, match=f"unit = '{unit}' is a unit of .*{remedy}"):
+            make(t, x, unit=unit)

@@ -408,3 +408,21 @@ def test_damping_that_came_out_negative_is_said_to_stand_for_something_else(valu
     assert ["c_quadratic came out negative, by 10 standard" in s for s in stand_ins(found)] == (
         [True] if told else []
     )
+
+
+@pytest.mark.parametrize(
+    ("inputs", "unit", "remedy"),
+    [("base", "N", "inputs='force'"), ("force", "m/s^2", "inputs='base'")],
+)
+def test_an_input_in_the_unit_of_the_other_kind_is_refused(inputs, unit, remedy):
+    t = np.arange(200) / 100
+    with pytest.raises(ValueError, match=f"input_unit = '.*' of the input '{inputs}'.*{remedy}"):
+        ForcedVibration(t, np.sin(9 * t), np.cos(9 * t), inputs=inputs, unit="m", input_unit=unit)
+
+
+def test_an_input_is_no_term_that_is_asked_for():
+    """A gain of a force that no record holds is any number."""
+    t = np.arange(600) / 100
+    decay = rs.Decay(t, np.exp(-0.2 * t) * np.cos(20 * t), unit="m")
+    with pytest.raises(ValueError, match=r"terms hold \['gain \[force\]'\].*ForcedVibration"):
+        identify(decay, terms=["gain [force]"])

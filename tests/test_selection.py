@@ -8,11 +8,12 @@ from romsindy.fit.choice import Gram, Trials, dragged
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.results.estimate import Estimate
-from romsindy.fit.results.signs import massless, stand_ins
+from romsindy.fit.results.signs import massless, possible, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.inertia import AddedMass, Inertia
+from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 
 N = 400
@@ -141,6 +142,16 @@ def test_inertia_that_nothing_has_is_no_choice():
         kinetic = {0: q**2 / 2, 1: q**4 / 2}
         found = Trials([gram], [0], [[1], [2]], {}, kinetic=kinetic).chosen([])
         assert sorted(found) == expected
+
+
+@pytest.mark.parametrize(("value", "stays"), [(0.02, True), (-0.02, False), (-0.06, True)])
+def test_friction_that_supplies_energy_stays_where_it_is_sure(value, stays):
+    """Errors are 0.01: five of them refuse the sign that friction has."""
+    names = ("omega^2", "c_coulomb")
+    model = ReducedModel.from_coefficients({"omega^2": 9.0, "c_coulomb": value})
+    found = Estimate(model, names, 1e-4 * np.eye(2), None, ())
+    friction = model.terms[1]
+    assert possible(found, [friction]) == ([friction] if stays else [])
 
 
 def test_fast_modes_cannot_have_less_than_no_mass():

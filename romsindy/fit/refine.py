@@ -32,6 +32,7 @@ from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.equations import Equations
+from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -121,11 +122,16 @@ def refine_terms(
         raise ValueError(
             f"terms hold {wrong}: give names or laws of one coordinate, such as 'gamma_3'"
         )
+    if inputs := [t.key for t in terms if isinstance(t, Input)]:
+        raise ValueError(
+            f"terms hold {inputs}: leave inputs out, they come with the records; one that was"
+            " measured makes a record a ForcedVibration"
+        )
     laws = tuple({t.key: t for t in (*LINEAR, *terms)}.values())
     require_known(fixed, [t.key for t in laws])
     records = ready(several)
-    inputs = inputs_in([r.decay for r in records if r.driven], "linear")
-    found = regressed(laws, inputs, records)[0].tolist()
+    acting = inputs_in([r.decay for r in records if r.driven], "linear")
+    found = regressed(laws, acting, records)[0].tolist()
     values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
     model = ReducedModel(laws, values, several[0].unit)
     return refine(model, several, fixed=tuple(fixed), progress=progress)

@@ -31,6 +31,7 @@ from romsindy.record.signals import (
     upsample,
 )
 from romsindy.record.smoothing import Butterworth, Filter, displacement
+from romsindy.record.units import require_unit_of_q
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
@@ -94,6 +95,7 @@ class Decay(Measurement):
         for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} = {getattr(self, name)!r} must be one of {choices}")
+        require_unit_of_q(self.unit)
         t = checked_time(self.t)
         signals = {
             name: checked_signal(name, getattr(self, name), len(t))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import ShortTimeFFT, find_peaks, periodogram
 
-from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, is_base, require_input
 from romsindy.record.recording import (
     QUANTITIES,
     Measurement,
@@ -23,6 +23,7 @@ from romsindy.record.recording import (
     part_between,
 )
 from romsindy.record.signals import runs, vertex
+from romsindy.record.units import require_unit_of_input, require_unit_of_q
 from romsindy.typing import Array
 
 # What response and input must have, and the remedy.
@@ -105,6 +106,7 @@ class ForcedVibration(Measurement):
             raise ValueError(
                 f"interpolation = {self.interpolation!r} must be one of {INTERPOLATIONS}, or None"
             )
+        require_unit_of_q(self.unit)
         t = checked_time(self.t)
         y, u = (_checked(name, getattr(self, name), t) for name in ("y", "u"))
         y, u = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y, u.reshape(len(t), -1)
@@ -119,6 +121,8 @@ class ForcedVibration(Measurement):
             raise ValueError(
                 f"input_unit = {self.input_unit!r} must be one unit, or one for each of {names}"
             )
+        for name, unit in zip(names, self._units(len(names)), strict=True):
+            require_unit_of_input(name, unit, is_base(name))
         if not np.ptp(y) > 0:
             raise ValueError(f"y is constant ({y[0]:.6g}): nothing vibrates in this record")
         held, notes = held_on_uniform_times(t, {"y": y, "u": u})
@@ -161,8 +165,11 @@ class ForcedVibration(Measurement):
     @property
     def units(self) -> tuple[str | None, ...]:
         """Of the inputs, in the order of the columns of u."""
+        return self._units(len(self.names))
+
+    def _units(self, count: int) -> tuple[str | None, ...]:
         unit = self.input_unit
-        return (unit,) * len(self.names) if isinstance(unit, str | None) else tuple(unit)
+        return (unit,) * count if isinstance(unit, str | None) else tuple(unit)
 
     def between(self, start: float | None = None, end: float | None = None) -> ForcedVibration:
         """The part with start <= t <= end, in s; None leaves an end as it is.

@@ -98,6 +98,28 @@ def force_unit(text: str) -> tuple[str, float] | None:
     return (_FORCES | _VOLTS).get(text.strip().strip("[]()"))
 
 
+def require_unit_of_q(unit: str | None) -> None:
+    """Refuse a unit of a velocity or an acceleration as that of the displacement."""
+    known = None if unit is None else UNITS.get(spelled(unit))
+    if known is not None and known.quantity != "displacement":
+        raise ValueError(
+            f"unit = {unit!r} is a unit of {known.quantity}, and unit is that of q, the"
+            f" displacement: multiply the samples by {known.factor:g} and give unit={known.base!r}"
+        )
+
+
+def require_unit_of_input(name: str, unit: str | None, base: bool) -> None:
+    """Refuse a force in the unit of an acceleration, and a base that moves in that of a force."""
+    motion, force = UNITS.get(spelled(unit or "")), force_unit(unit or "")
+    if base and force is not None and force[0] != "V":
+        wanted = "an acceleration, such as m/s^2; of a force give inputs='force'"
+    elif not base and motion is not None and motion.quantity == "acceleration":
+        wanted = "a force, such as N; of the acceleration of a base give inputs='base'"
+    else:
+        return
+    raise ValueError(f"input_unit = {unit!r} of the input {name!r} must be that of {wanted}")
+
+
 def parse_input_unit(text: str, base: bool) -> tuple[str, float]:
     """SI unit of an input, and the factor to it.
 

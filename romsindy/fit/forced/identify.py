@@ -30,7 +30,7 @@ from romsindy.fit.records.arguments import (
 from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.modes import mode_beside, modes_of
 from romsindy.fit.results.fitted import Fit, with_choice_error
-from romsindy.fit.results.signs import stand_ins
+from romsindy.fit.results.signs import possible, stand_ins
 from romsindy.fit.verdict import WIDEST_SIGNAL
 from romsindy.physics.coupled import linear_terms
 from romsindy.physics.equations import Equations, inputs_of, without_inputs
@@ -141,7 +141,10 @@ def _best(search: _TermSearch, driven: Sequence[ForcedVibration]) -> Fit:
         # Terms that were chosen with another input may stand for what was wrong with it.
         own = inputs_in(driven, inputs[0].interpolation)
         best = search.decided(search.needed(own), hypotheses)
-    return best
+    # They were chosen about motions that the fit has left.
+    present = [t for t in search.candidates if t.key in best.model.coefficients]
+    kept = possible(best, present)
+    return best if kept == present else search.decided(kept, hypotheses)
 
 
 @dataclass(frozen=True)

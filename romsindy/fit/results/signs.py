@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.verdict import REFUSED
 from romsindy.physics.coupling import SlavedInertia
+from romsindy.physics.term import Term
 from romsindy.text import listed
 
 _SURE = 3.0  # standard errors off zero
@@ -33,6 +35,17 @@ def massless(found: Estimate) -> float:
     slope = np.array([own.get(name, 0.0) for name in found.free])
     variance = float(slope @ found.covariance @ slope)
     return max(-float(least[0]), 0.0) / np.sqrt(variance) if variance > 0 else 0.0
+
+
+def possible(found: Estimate, laws: Sequence[Term]) -> list[Term]:
+    """Laws of an equation without those of a sign that they cannot have, unless surely so."""
+    values, errors = found.model.coefficients, found.standard_errors
+
+    def may_be(law: Term) -> bool:
+        value, error = values[law.key], errors.get(law.key, 0.0)
+        return value > law.least or not value > law.least - REFUSED * error
+
+    return [law for law in laws if may_be(law)]
 
 
 def supplying(found: Estimate) -> list[str]:
