@@ -383,6 +383,9 @@ def test_parameters_that_are_not_told_from_zero_are_no_model():
     some = rs.ReducedModel(terms, (410.0, 0.1, 2.0), "m")
     unknown = _undetermined(some, names, np.diag([6.9e5, 5.0, 0.1]) ** 2)
     assert unknown == "omega^2 is 410 +- 6.9e+05"  # that of damping may be 0
+    # Noise beside noise has a delay at which its gain is two and a half errors.
+    doubtful = _undetermined(some, names, np.diag([1.0, 5.0, 0.8]) ** 2)
+    assert doubtful == "gain [force] is 2 +- 0.8"
     white = {"ratio": 1.0, "p_value": 1.0, "structure": 1.0, "below_floor": False, "limit": 1.0}
     none = {"amplitude": [], "misfit": [], "unit": "m", "measured_unit": "m"}
     found = ForcedAdequacy(**white, **none, left=1e-6, part=0.0015, piece=21.0, whole=np.nan)

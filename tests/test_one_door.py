@@ -251,6 +251,15 @@ def test_what_records_do_not_determine_is_no_agreement():
     assert text.startswith("They may differ by 0.03 % in frequency, 97 % in damping and 0.3 % in")
 
 
+def test_records_agree_within_what_all_of_them_show():
+    """The bound of the closer of two records was told for both."""
+    near = Difference((0.1, 0.2), 1e-5, 1e-5, 0.0, 0.01, 1e-4, 1e-4, 0.01, name="record 1")
+    far = Difference((0.05, 0.15), 4e-4, 1e-5, 0.0, 0.01, 1e-4, 1e-4, 0.01, name="record 2")
+    text = difference([near, far], Tolerance(), Shown("m"))
+    assert text == difference([far, near], Tolerance(), Shown("m"))
+    assert text.startswith("They agree within 0.04") and " over 0.05 to 0.2 m" in text
+
+
 def test_repeats_that_do_not_determine_damping_do_not_excuse_it():
     """A tolerance of 910 % was taken from a reference, and "none" was said on it."""
     t = np.arange(1200) / RATE

@@ -446,6 +446,20 @@ def test_all_channels_tell_a_dashpot_from_damping_of_the_structure():
         assert max(e.after for e in report.sensor_errors) < 1.1
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        lambda release, t: np.full(len(t), release),
+        lambda release, t: release * np.exp(-30 * t),
+        lambda release, t: release * np.exp(0.1 * t) * np.cos(15 * t),
+    ],
+)
+def test_a_simulator_that_gives_no_decay_is_told_as_the_simulator(given):
+    """Nothing is wrong in the record, which a message without a name seemed to say."""
+    with pytest.raises(ValueError, match="what simulator .* gives, released from .*, is no free"):
+        rs.diagnose(given, record(0.05, 1))
+
+
 # -- two masses in a row: what all sensors tell, and one mode does not ---------------------------
 
 

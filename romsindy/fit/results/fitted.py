@@ -55,7 +55,7 @@ from romsindy.typing import Array
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3
-_TOLD = 2.0  # standard errors off zero
+_TOLD = 3.0  # standard errors off zero: the delay of an input was looked for as well
 _DRIVEN = 30  # iterations of a fit to motions that inputs drive
 
 
