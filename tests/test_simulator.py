@@ -456,7 +456,7 @@ def test_all_channels_tell_a_dashpot_from_damping_of_the_structure():
 )
 def test_a_simulator_that_gives_no_decay_is_told_as_the_simulator(given):
     """Nothing is wrong in the record, which a message without a name seemed to say."""
-    with pytest.raises(ValueError, match="what simulator .* gives, released from .*, is no free"):
+    with pytest.raises(ValueError, match=r"what simulator .* gives, released from .*, is no free"):
         rs.diagnose(given, record(0.05, 1))
 
 

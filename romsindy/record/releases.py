@@ -147,8 +147,7 @@ def refusal(t: Array, swing: Array, amplitude: Array, start: int, period: float)
     if largest > CYCLES_AT_LEAST * period and before >= 6 and before > after:
         return (
             f"{before // 2} cycles come before the largest amplitude (at {t[largest]:.4g} s),"
-            f" {after // 2} after it: the record grows, so it is forced (with its input it is a"
-            " ForcedVibration) or not a free decay"
+            f" {after // 2} after it: the record grows, so it is forced or not a free decay"
         )
     cycles = (len(swing) - start) / period
     if cycles < CYCLES_AT_LEAST:
