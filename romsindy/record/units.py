@@ -104,7 +104,9 @@ def require_unit_of_q(unit: str | None) -> None:
     if known is not None and known.quantity != "displacement":
         raise ValueError(
             f"unit = {unit!r} is a unit of {known.quantity}, and unit is that of q, the"
-            f" displacement: multiply the samples by {known.factor:g} and give unit={known.base!r}"
+            f" displacement: multiply the samples by {known.factor:g}, give unit={known.base!r},"
+            f" and say what was measured: by Decay.from_{known.quantity}(...), or of a"
+            f" ForcedVibration by measured={known.quantity!r}"
         )
 
 

@@ -84,7 +84,8 @@ class SimulatorReport(StructureReport):
             )
         if self.not_there and not self.trouble:
             takes = self.seen.scale is not None
-            why = "it takes forces of x and v" if takes else "it takes no force"
+            forces = "it takes forces of x and v, and not all of this is one"
+            why = forces if takes else "it takes no force"
             if self.sensor_errors:
                 why = "with that it comes no nearer to the records"
             lines.append(

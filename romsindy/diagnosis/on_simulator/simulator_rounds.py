@@ -290,13 +290,7 @@ class SimulatorRounds(Rounds):
         self.releases = releases
         return parts
 
-    def _now(
-        self,
-        i: int,
-        parts: Sequence[Part],
-        release: Beginning,
-        end: float = np.inf,
-    ) -> Now:
+    def _now(self, i: int, parts: Sequence[Part], release: Beginning, end: float) -> Now:
         """A motion with some parts, from where a record begins."""
         record, raw = self.records[i].until(end), self.raw[i]
         equation = equation_of(self.model, parts, i, record)
