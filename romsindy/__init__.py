@@ -36,10 +36,11 @@ _MOVED = {
     "ForcedResponse": "romsindy.orbits.curves.ForcedResponse",
     "Inspection": "romsindy.inspection.inspection.Inspection",
     "InteractionReport": "romsindy.diagnosis.InteractionReport",
+    "Reduction": "romsindy.structure.reduction.Reduction",
     "SimulatorReport": "romsindy.diagnosis.SimulatorReport",
     "SteadyFit": "romsindy.fit.steady.fit.SteadyFit",
 }
-_ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "simulator")
+_ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "simulator", "structure")
 
 __all__ = sorted(_MODULE_OF)
 

@@ -46,6 +46,7 @@ from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
 from romsindy.regression.scaled_optimizer import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.windows import WindowProjection as WindowProjection
+from romsindy.structure import Structure as Structure
 
 __version__: str
 __all__: list[str]

@@ -20,7 +20,7 @@ from romsindy import (
 )
 from romsindy.effects import AirDrag
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.functions.series import Sizes, Structure
+from romsindy.fit.functions.series import ModelStructure, Sizes
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots
@@ -93,7 +93,7 @@ def identification(inertia: int) -> Identification:
     samples = np.tile(truth, (101, 1))
     samples[:, names.index("Upsilon_3")] = np.linspace(0.2, 0.4, 101)
     verdict = Adequacy(1.0, 0.5, 1.0, False, np.array([1.0]), np.ones((1, 6)), 1.0, "m")
-    structure = Structure(Sizes(4, inertia, 0))
+    structure = ModelStructure(Sizes(4, inertia, 0))
     return Identification(
         EXAMPLE_MODEL, tuple(names), np.cov(samples, rowvar=False), verdict, (), (structure,),
         structure, EXAMPLE_MODEL.terms, samples, samples, (-1.5, 1.6),

@@ -70,6 +70,16 @@ class StaticCurve:
         """Equilibrium displacement, (n_nodes, 3), m, m, rad."""
         return self.basis.equilibrium.displacement
 
+    @property
+    def following(self) -> np.ndarray:
+        """x - x_eq - phi q, what follows the mode, (n, 3 n_nodes)."""
+        moved = np.multiply.outer(self.q, self.basis.shape(self.mode))
+        return (self.shapes - self.rest - moved).reshape(len(self.q), -1)
+
+    def mass_product(self, field: np.ndarray) -> float:
+        """field^T M field of a field (3 n_nodes,)."""
+        return 2.0 * self.assembly.kinetic(field.reshape(-1, 3))
+
     def within(self, q: np.ndarray) -> np.ndarray:
         """Coordinates, those beyond the curve at its ends."""
         return np.clip(q, self.q[0], self.q[-1])

@@ -28,6 +28,7 @@ _COMMANDS = {
     "export": "Write the equation of motion in FILE for MATLAB, C or sympy, or as text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
+    "reduce": "Reduce the finite-element model in DECK to the equation of one mode.",
     "regress": "Fit models of a given structure to the free decays in FILES, by regression.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
     "steady": "Fit an equation of motion to the steady states in the table POINTS.",

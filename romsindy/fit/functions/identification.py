@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.functions.series import Structure
+from romsindy.fit.functions.series import ModelStructure
 from romsindy.fit.functions.short import Short, shortened
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.curve import (
@@ -48,9 +48,9 @@ class Identification(Estimate):
 
     Attributes
     ----------
-    structures : tuple of Structure
+    structures : tuple of ModelStructure
         All that were compared, from the simplest on.
-    structure : Structure
+    structure : ModelStructure
         That of the model.
     terms : tuple of Term
         Of the richest structure, to which bands belong.
@@ -75,8 +75,8 @@ class Identification(Estimate):
     'h(1 m) = 0.5, in a band 0.1 wide'
     """
 
-    structures: tuple[Structure, ...]
-    structure: Structure
+    structures: tuple[ModelStructure, ...]
+    structure: ModelStructure
     terms: tuple[Term, ...]
     samples: Array
     widest: Array
@@ -339,7 +339,7 @@ class Identification(Estimate):
                 f"the JSON text holds no {', '.join(sorted(missing))}: write it again with identify"
                 " --save (in Python, what Fit.save wrote is read by Estimate.load)"
             )
-        structures = several(Structure.from_content)("structures", content["structures"])
+        structures = several(ModelStructure.from_content)("structures", content["structures"])
         chosen = whole("structure", content["structure"])
         if not 0 <= chosen < len(structures):
             raise ValueError(

@@ -18,9 +18,9 @@ from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.series import (
     RICHEST,
     Magnitudes,
+    ModelStructure,
     SensorCurvature,
     Series,
-    Structure,
     compared,
     contains,
     simpler,
@@ -252,7 +252,7 @@ def _assembled(
 ) -> Identification:
     structures = compared(
         [
-            Structure(f.series.sizes, tuple(t.key for t in f.series.forces), f.log_evidence())
+            ModelStructure(f.series.sizes, tuple(t.key for t in f.series.forces), f.log_evidence())
             for f in (*found, *others)
         ]
     )

@@ -309,7 +309,7 @@ RICHEST = Sizes(stiffness=17, inertia=11, damping=8)
 
 
 @dataclass(frozen=True)
-class Structure:
+class ModelStructure:
     """Which functions an equation has, and what the data say of it."""
 
     sizes: Sizes
@@ -317,7 +317,7 @@ class Structure:
     log_evidence: float = 0.0  # over that of the best structure, 0 or less
 
     @classmethod
-    def from_content(cls, name: str, value: Any) -> Structure:
+    def from_content(cls, name: str, value: Any) -> ModelStructure:
         """Read what `dataclasses.asdict` wrote, after JSON, from where messages say it stands."""
         return made(cls, name, value, {"Sizes": _sizes})
 
@@ -365,7 +365,7 @@ def contains(more: Sizes, less: Sizes) -> bool:
     return all(a >= b for a, b in zip(more, less, strict=True))
 
 
-def compared(structures: Sequence[Structure]) -> tuple[Structure, ...]:
+def compared(structures: Sequence[ModelStructure]) -> tuple[ModelStructure, ...]:
     """The same with their evidence over that of the best."""
     best = max(s.log_evidence for s in structures)
     return tuple(replace(s, log_evidence=s.log_evidence - best) for s in structures)

@@ -1,0 +1,163 @@
+"""A structure of finite elements about its rest: mass, linear modes, and where its freedoms are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import eigsh
+
+from romsindy.structure.calculix import Matrices
+from romsindy.structure.deck import DeckError
+from romsindy.typing import Array
+
+# Of the largest stiffness over mass: below the first a mode is no vibration, the other is a shift
+# without which a structure that nothing supports would divide by zero.
+_RIGID, _SHIFT = 1e-13, 1e-12
+_SYMMETRIC = 1e-8  # of the largest mass
+_SLIGHT = 1e-5  # of the largest eigenvalue of the mass: so negative is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMode:
+    """A linear mode of a structure: x = phi q with phi^T M phi = 1."""
+
+    number: int
+    omega2: float
+    shape: Array  # (n,), phi, positive where it is largest
+    mass: csc_array  # (n, n)
+
+    @cached_property
+    def momentum(self) -> Array:
+        """M phi, (n,)."""
+        return np.asarray(self.mass @ self.shape)
+
+    @cached_property
+    def loudest(self) -> int:
+        """The freedom that moves most."""
+        return int(np.argmax(np.abs(self.shape)))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """A structure about its rest."""
+
+    name: str
+    mass: csc_array  # (n, n), of the free freedoms
+    omega: Array  # (k,), of the modes, rad/s
+    shapes: Array  # (k, n), mass-normalised
+    nodes: Array  # (n,), number of the node of each freedom
+    directions: Array  # (n,), 1 to 3
+    coordinates: Mapping[int, Array]  # (3,) by number of the node
+    notes: tuple[str, ...] = ()
+    faces: Sequence[tuple[int, ...]] = field(default=(), repr=False)  # nodes of outer faces
+    node_of: Callable[[str], int] = int
+
+    def __repr__(self) -> str:
+        hz = ", ".join(f"{w / (2 * np.pi):.4g}" for w in self.omega[:5])
+        return (
+            f"{type(self).__name__}({self.name!r}, {len(self.nodes)} free degrees of freedom,"
+            f" frequencies {hz} ... Hz)"
+        )
+
+    def mode(self, number: int) -> LinearMode:
+        """A linear mode, counted from 1.
+
+        Raises a ValueError for a mode that is not known, or is a motion without stiffness.
+        """
+        if not 1 <= number <= len(self.omega):
+            raise ValueError(
+                f"mode = {number} is not known of {self.name}, which has {len(self.omega)}; modes"
+                " count from 1"
+            )
+        if not self.omega[number - 1] > 0:
+            raise ValueError(
+                f"mode = {number} of {self.name} is rigid: nothing brings it back to its rest; give"
+                " supports, or take a higher mode"
+            )
+        row = number - 1
+        return LinearMode(number, float(self.omega[row] ** 2), self.shapes[row], self.mass)
+
+    def freedom(self, node: int | str, direction: int) -> int:
+        """Row of a node's displacement in a direction (1 to 3) among the free freedoms.
+
+        Raises a ValueError where the node is not there, or is held in that direction.
+        """
+        number = self.node_of(str(node))
+        rows = np.flatnonzero((self.nodes == number) & (self.directions == direction))
+        if not len(rows):
+            free = self.directions[self.nodes == number]
+            has = f"free in {sorted(map(int, free))}" if len(free) else "held, or not there"
+            raise ValueError(
+                f"node {node} of {self.name} is not free in direction {direction}: it is {has}; its"
+                " directions are 1, 2 and 3"
+            )
+        return int(rows[0])
+
+
+class Basis(NamedTuple):
+    """The lowest modes of a structure."""
+
+    known: Matrices
+    omega: Array  # (k,), rad/s
+    shapes: Array  # (k, n), mass-normalised
+
+
+def linear_modes(name: str, known: Matrices, count: int) -> Basis:
+    """The lowest modes, as many as there are."""
+    n = known.mass.shape[0]
+    count = min(count, n - 2)
+    if count < 1:
+        raise DeckError(f"{name}: {n} free degrees of freedom are too few to be reduced: give 3")
+    stiffness = known.stiffness
+    scale = float(np.max(stiffness.diagonal() / known.mass.diagonal()))
+    found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM")
+    order = np.argsort(found[0])
+    omega2 = np.where(found[0] > _RIGID * scale, found[0], 0.0)[order]
+    least = _least_eigenvalue(known.mass)
+    if least < -_SLIGHT:
+        raise DeckError(
+            f"{name}: the mass is not positive: an eigenvalue is {least:.2g} of the largest; use"
+            " solids, masses and springs"
+        )
+    shapes = np.array([upright(x) for x in found[1].T[order]])
+    return Basis(known, np.sqrt(omega2), shapes)
+
+
+def _least_eigenvalue(mass: csc_array) -> float:
+    """Least eigenvalue over a bound of the largest: zero where elements are integrated coarsely."""
+    bound = float(abs(mass).sum(axis=0).max())
+    turned = diags_array(np.full(mass.shape[0], bound)) - mass
+    return 1 - float(eigsh(turned, 1, which="LA", tol=_SLIGHT / 10)[0][0]) / bound
+
+
+def upright(shape: Array) -> Array:
+    """A shape that is positive where it is largest: a mode has no sign of its own."""
+    return np.asarray(shape * np.sign(shape[np.argmax(np.abs(shape))]))
+
+
+def check_arrays(
+    mass: csc_array, shapes: Array, omega: Array, nodes: Array, directions: Array
+) -> None:
+    n = mass.shape[0]
+    sizes = {
+        "mass": (mass.shape, (n, n)),
+        "shapes": (shapes.shape, (len(omega), n)),
+        "nodes": (nodes.shape, (n,)),
+        "directions": (directions.shape, (n,)),
+    }
+    for name, (came, wanted) in sizes.items():
+        if came != wanted:
+            raise ValueError(f"{name} has the shape {came}: {wanted} fits the other arrays")
+    if abs(mass - mass.T).max() > _SYMMETRIC * abs(mass).max():
+        raise ValueError("mass is not symmetric: give both halves of the matrix")
+    norms = np.sum((shapes @ mass) * shapes, axis=1)
+    if not np.all(norms > 0):
+        raise ValueError(
+            f"mass is not positive along shapes[{int(np.argmin(norms))}]: give the mass of the free"
+            " freedoms, and shapes that move"
+        )

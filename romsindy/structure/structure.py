@@ -1,0 +1,221 @@
+"""A structure of finite elements, of a deck or of arrays: the place from which all is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from romsindy.physics.validation import require_positive
+from romsindy.structure.calculix import CalculiX, HeldCases
+from romsindy.structure.cases import DeckCases, GivenCases, StaticCases
+from romsindy.structure.deck import Deck
+from romsindy.structure.held import Found
+from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
+from romsindy.structure.reduction import Reduction, reduced
+from romsindy.structure.store import CaseStore
+
+_MODES = 20  # beside the one that is asked for: those that may follow it
+_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Structure(LinearModel):
+    """A structure of finite elements about its undeformed rest.
+
+    Made by `from_calculix` or `from_arrays`. Units are those of the model: with m, kg and s the
+    coordinate q of a mode is in kg^0.5 m.
+
+    Examples
+    --------
+    A mass of 2 kg, held by 8 q + 3 q^3 for a q in kg^0.5 m:
+
+    >>> q = np.array([-2.0, -1.0, 1.0, 2.0])
+    >>> held = 8 * q + 3 * q**3, q[:, None] / np.sqrt(2)
+    >>> mass = Structure.from_arrays([[2.0]], [[1.0]], [8**0.5], {1: held}, [1], [1])
+    >>> round(mass.reduce(1).model.coefficients["gamma_3"], 9)
+    3.0
+    """
+
+    cases: StaticCases = field(kw_only=True)
+
+    @classmethod
+    def from_calculix(
+        cls,
+        deck: str | Path,
+        *,
+        ccx: str = "ccx",
+        folder: str | Path | None = None,
+        store: str | Path | None = None,
+        n_jobs: int = 1,
+        modes: int = _MODES,
+        progress: bool = True,
+    ) -> Structure:
+        """Read a deck of CalculiX, whose program ccx gives the matrices and, later, static cases.
+
+        Parameters
+        ----------
+        deck : str or Path
+            Up to its first step it is the model; supports may stand in that step. Solids
+            (C3D4 to C3D20R), masses and springs.
+        ccx : str
+            The program, on the path or as a file.
+        folder : str or Path, optional
+            Where all files of CalculiX are kept; by default they are deleted.
+        store : str or Path, optional
+            NPZ file in which static cases are kept: what stands there is not computed again.
+        n_jobs : int
+            Both directions side by side with 2.
+        modes : int
+            Number of linear modes, at least the one to be reduced.
+        progress : bool
+            Whether to show a progress bar on a terminal.
+
+        Raises
+        ------
+        DeckError
+            For a deck that cannot be reduced, or no CalculiX: file, line and remedy.
+        """
+        model, program = Deck.load(deck), CalculiX(ccx, folder)
+        kept = CaseStore(store, model)
+        basis = kept.basis(modes)
+        if basis is None:
+            basis = linear_modes(str(deck), program.matrices(model), modes)
+            kept.keep_basis(basis, modes)
+        known = basis.known
+        return cls(
+            str(deck),
+            known.mass,
+            basis.omega,
+            basis.shapes,
+            known.nodes,
+            known.directions,
+            model.nodes,
+            model.notes,
+            model.faces,
+            model.node,
+            cases=DeckCases(program, model, known, kept, n_jobs, progress),
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        mass: Any,
+        shapes: Any,
+        omega: Any,
+        cases: Mapping[int, tuple[Any, Any]],
+        nodes: Any,
+        directions: Any,
+        coordinates: Any = None,
+        name: str = "arrays",
+    ) -> Structure:
+        """Make a structure of what any finite-element program can give.
+
+        Parameters
+        ----------
+        mass : (n, n) array or sparse array
+            Of the free freedoms.
+        shapes : (k, n) array
+            Linear modes, in any scale.
+        omega : (k,) array
+            Their frequencies, rad/s.
+        cases : dict
+            By number of the mode (from 1): factors (m,), and displacements (m, n) under the loads
+            factor * mass @ shape, with the shape scaled to shape @ mass @ shape = 1.
+        nodes, directions : (n,) arrays of int
+            Node, and direction from 1 to 3, of each freedom.
+        coordinates : dict, optional
+            (3,) by number of the node, for pictures.
+
+        Raises
+        ------
+        ValueError
+            For arrays that do not fit together, or cases that their loads cannot hold.
+        """
+        matrix, rows = csc_array(mass), np.atleast_2d(np.asarray(shapes, float))
+        n, frequencies = matrix.shape[0], np.atleast_1d(np.asarray(omega, float))
+        check_arrays(matrix, rows, frequencies, np.asarray(nodes), np.asarray(directions))
+        rows = rows / np.sqrt(np.sum((rows @ matrix) * rows, axis=1))[:, None]
+        signs = np.sign(rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)])
+        given = {}
+        for mode, (factors, displacements) in cases.items():
+            held = HeldCases(np.asarray(factors, float), np.asarray(displacements, float))
+            if held.shapes.shape != (len(held.factors), n):
+                raise ValueError(
+                    f"cases[{mode}] has factors {held.factors.shape} and displacements"
+                    f" {held.shapes.shape}: give m factors, and (m, {n}) displacements"
+                )
+            given[int(mode)] = held._replace(factors=signs[int(mode) - 1] * held.factors)
+        places = {int(k): np.asarray(x, float) for k, x in dict(coordinates or {}).items()}
+        return cls(
+            name,
+            matrix,
+            frequencies,
+            signs[:, None] * rows,
+            np.asarray(nodes),
+            np.asarray(directions),
+            places,
+            cases=GivenCases(given),
+        )
+
+    def static_curve(
+        self, mode: int = 1, reach: float | None = None, tolerance: float = _TOLERANCE
+    ) -> Found:
+        """Shapes under the force of one mode, and their error.
+
+        Parameters
+        ----------
+        mode : int
+            Counted from 1.
+        reach : float, optional
+            How far the node that moves most is moved, in either direction, unit of length of the
+            model. Arrays hold what they hold.
+        tolerance : float
+            Cases are added until K(q) and h(q) change by less than this part of their largest
+            change.
+
+        Raises
+        ------
+        ValueError
+            For a mode that is not known, or cases that are too few.
+        """
+        if reach is not None:
+            require_positive("reach", reach)
+        require_positive("tolerance", tolerance)
+        return self.cases.curve(self.mode(mode), reach, tolerance)
+
+    def reduce(
+        self,
+        mode: int = 1,
+        reach: float | None = None,
+        order: int | None = None,
+        *,
+        sensor: tuple[int | str, int] | None = None,
+        damping_ratio: float = 0.0,
+        units: tuple[str, str] = ("m", "kg"),
+        tolerance: float = _TOLERANCE,
+    ) -> Reduction:
+        """Return the reduced equation of one mode, and how far it can be trusted.
+
+        Parameters
+        ----------
+        mode, reach, tolerance
+            As for `static_curve`.
+        order : int, optional
+            Highest power in the restoring force, 3 or more; by default the lowest that follows K
+            and h.
+        sensor : (node, direction), optional
+            The coordinate is then what the mode alone moves there, in the unit of length, in the
+            place of the modal one.
+        damping_ratio : float
+            Of small vibrations; 0 leaves damping out.
+        units : (length, mass)
+            Names of the model's units; its time is in seconds.
+        """
+        row = None if sensor is None else self.freedom(*sensor)
+        found = self.static_curve(mode, reach, tolerance)
+        return reduced(self, found, order, row, damping_ratio, units)
