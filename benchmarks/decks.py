@@ -115,9 +115,9 @@ def plate(path: Path, counts: Sequence[int] = (14, 10, 1)) -> Path:
     return write_deck(path, mesh, sorted(held), **STEEL)
 
 
-def cantilever(path: Path) -> Path:
+def cantilever(path: Path, elements: int = 50) -> Path:
     """A strip of 1000 x 20 x 10 mm, clamped at one end, without lateral contraction."""
-    mesh = block((50, 1, 1), (1.0, 0.02, 0.01))
+    mesh = block((elements, 1, 1), (1.0, 0.02, 0.01))
     steel = {**STEEL, "poisson": 0.0}
     return write_deck(path, mesh, at(mesh[0], 0, 0.0), **steel, kind="C3D20")
 

@@ -51,6 +51,7 @@ from romsindy.physics.validation import table
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.simulator import Program
+from romsindy.structure.deck_file import load_deck
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -73,6 +74,7 @@ _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
 _DECAYS = {
     "simulated": "a series has no input: give the equation, --model",
     "simulator": "a simulator is asked for decays: give the equation, --model",
+    "deck": "reduce it to an equation: romsindy reduce, and give that, --model",
     "beam": "in Python, beam.reduce(...) makes a model: give that, --model",
     "whole": "the whole record is taken",
     "reference": "what repeats of the test differ by, --repeats, is asked instead",
@@ -117,7 +119,8 @@ def _values(_: click.Context, option: click.Parameter, given: tuple[str, ...]) -
 
 
 _HEADINGS = {
-    "What is compared": "--measured --simulated --simulated-column --model --beam --held-out",
+    "What is compared": "--measured --simulated --simulated-column --model --beam --deck"
+    " --held-out",
     "Your own simulator": "--simulator --parameter --runs --time-limit",
     "Reading": f"{READING} --mode --band --release --whole",
     "Measured inputs": INPUTS,
@@ -149,6 +152,12 @@ _HEADINGS = {
     help="The simulation as a model (JSON), as identify --model or --save writes it.",
 )
 @click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
+@click.option(
+    "--deck",
+    "deck_file",
+    type=_FILE,
+    help="The simulation as a deck of CalculiX, with its sensors and tolerances (TOML).",
+)
 @click.option(
     "--simulator",
     metavar="COMMAND",
@@ -237,6 +246,7 @@ def diagnose(
     simulated_column: str | None,
     model_file: Path | None,
     beam_file: Path | None,
+    deck_file: Path | None,
     simulator: str | None,
     parameters: dict[str, Any],
     runs: Path,
@@ -265,7 +275,8 @@ def diagnose(
     """Name what a simulation lacks, from measured vibrations, free or driven.
 
     The simulation is a model (--model), a simulated decay (--simulated), a program that simulates
-    one after a release (--simulator), or a beam (--beam) with one measured column per sensor. A
+    one after a release (--simulator), or a beam (--beam) or a finite-element deck (--deck) with one
+    measured column per sensor. A
     model of several coordinates is compared with all that rings in one column or more. Of a beam,
     omega^2 and c_linear stand for the bending stiffness and the damping in proportion to mass.
     Measured files are read as identify reads them, one decay of every release: level, hold and
@@ -278,8 +289,8 @@ def diagnose(
     driven.check(_DECAYS)
     if simulated_column is not None:
         simulated = simulated or measured[0]
-    if sum(f is not None for f in (simulated, model_file, beam_file, simulator)) != 1:
-        raise click.UsageError("name one of --simulated, --model, --simulator and --beam")
+    if sum(f is not None for f in (simulated, model_file, beam_file, deck_file, simulator)) != 1:
+        raise click.UsageError("name one of --simulated, --model, --simulator, --beam and --deck")
     if parameters and simulator is None:
         raise click.UsageError("--parameter is a value of a program: give it, --simulator")
     page = report or default_page(f"{measured[0].stem}_diagnosis.html")
@@ -291,6 +302,11 @@ def diagnose(
         beam, sensors, columns = load_beam(beam_file)
         simulation = {"model": beam, "sensors": sensors}
         reading["column"], choice = columns, Selection(whole=True)
+    elif deck_file is not None:
+        deck = load_deck(deck_file, n_jobs=jobs)
+        simulation = {"model": deck.simulator, "parameters": deck.parameters or None}
+        reading["column"] = list(deck.columns)
+        choice = choice._replace(coordinates=len(deck.columns))
     elif simulator is not None:
         simulation = {"model": Program(simulator, runs, time_limit), "parameters": parameters}
         choice = choice._replace(coordinates=max(len(reading["column"] or ()), 1))
@@ -303,7 +319,8 @@ def diagnose(
             raise click.UsageError("--mode and --band isolate one mode: the model is of several")
         if not driven.inputs:
             _note_inputs(simulation["model"])
-    own = None if beam_file is None else f"[sensors] columns in {beam_file}:"
+    tabled = beam_file or deck_file
+    own = None if tabled is None else f"[sensors] columns in {tabled}:"
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
     with bar(None, "reading the records"), _columns_by(own):
         stored = tuple(file for file in repeats if file.suffix == ".json")

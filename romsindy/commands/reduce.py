@@ -18,6 +18,7 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.structure.arrays import KINDS, load_structure
+from romsindy.structure.deck_file import sensor_of, unit_names
 from romsindy.structure.store import MARK
 from romsindy.structure.structure import Structure
 from romsindy.text import as_text
@@ -33,24 +34,11 @@ _HEADINGS = {
 
 
 def _sensor(_: click.Context, __: click.Parameter, value: str | None) -> tuple[str, int] | None:
-    if value is None:
-        return None
-    node, _sep, direction = value.rpartition(":")
-    if not node or direction not in ("1", "2", "3"):
-        raise click.BadParameter(
-            f"{value!r} is not NODE:DIRECTION, such as 412:3 or TIP:3; directions are 1, 2 and 3"
-        )
-    return node, int(direction)
+    return None if value is None else sensor_of("--sensor", value)
 
 
 def _units(_: click.Context, __: click.Parameter, value: str) -> tuple[str, str]:
-    names = [name.strip() for name in value.split(",")]
-    if len(names) != 3 or not all(names) or names[2] != "s":
-        raise click.BadParameter(
-            f"{value!r} names no length, mass and time: give them as m,kg,s or mm,t,s; the time"
-            " must be s, for frequencies in Hz"
-        )
-    return names[0], names[1]
+    return unit_names("--units", value)
 
 
 @click.command(cls=WritingCommand, headings=_HEADINGS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,13 @@ from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
 from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
 from romsindy.structure.reduction import Reduction, reduced
+from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
 from romsindy.structure.store import CaseStore
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
+_RING = 2  # modes that ring beside the one that is kept
+_SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,3 +222,51 @@ class Structure(LinearModel):
         row = None if sensor is None else self.freedom(*sensor)
         found = self.static_curve(mode, reach, tolerance)
         return reduced(self, found, order, row, damping_ratio, units)
+
+    def simulator(
+        self,
+        sensors: Sequence[tuple[int | str, int]],
+        reach: float | None = None,
+        mode: int = 1,
+        *,
+        damping: Damping | float = 0.0,
+        rings: int = _RING,
+        held_by: str = "force",
+        units: Units | None = None,
+        tolerance: float = _TOLERANCE,
+    ) -> StructureSimulator:
+        """Return the structure as a simulator, which `diagnose` compares with measured decays.
+
+        Parameters
+        ----------
+        sensors : sequence of (node, direction)
+            Where displacements were measured, in the order of the channels; at the first the
+            structure is let go, and what is missing acts.
+        mode, reach, tolerance
+            As for `static_curve`.
+        damping : Damping or float
+            Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
+            values of the simulator, as are "modulus" and "density" over those of the model.
+        rings : int
+            Number of further modes, the lowest that move a sensor, which ring linearly beside it.
+        held_by : str
+            What holds the structure until it is let go: a "force" at the first sensor, or the modal
+            force of the "mode".
+        units : Units, optional
+            SI units in one of the model.  [default: m, kg]
+        """
+        stated = damping if isinstance(damping, Damping) else Damping(damping)
+        for name, value in stated._asdict().items():
+            require_positive(name, value, zero_allowed=True)
+        if held_by not in HELD_BY:
+            raise ValueError(f"held_by = {held_by!r} is none of {', '.join(HELD_BY)}")
+        if not sensors:
+            raise ValueError("sensors = []: say where the decays were measured, such as [(412, 3)]")
+        rows = [self.freedom(*sensor) for sensor in sensors]
+        found = self.static_curve(mode, reach, tolerance)
+        seen = np.abs(self.shapes[:, rows]).max(axis=1) > _SEEN * np.abs(self.shapes).max(axis=1)
+        others = [
+            i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
+        ]
+        given = stated, others[:rings], held_by, units or Units()
+        return StructureSimulator(self, found.curve, rows, *given)

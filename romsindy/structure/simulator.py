@@ -1,0 +1,256 @@
+"""A structure as a simulator of free decays: one mode with all that follows it, the others linear.
+
+With q of the mode that was held, and r_j of modes that only ring:
+
+    (1 + h) q'' + h'/2 q'^2 + K(q) + 2 zeta omega q' = x_p'(q) f
+    r_j'' + 2 zeta omega_j r_j' + omega_j^2 r_j = phi_j,p f
+    x_s = x_s(q) + sum_j phi_j,s r_j
+
+at sensors s, under a force f at a point p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from romsindy.structure.held import HeldCurve
+from romsindy.structure.linear import LinearModel
+from romsindy.typing import Array
+
+_TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
+_BEYOND = 1.02  # times the range: so far what lies outside is still foretold
+HELD_BY = ("force", "mode")
+
+
+Force = Callable[[float, float, float], float]
+
+
+class Damping(NamedTuple):
+    """Damping of all modes: 2 zeta omega + alpha + beta omega^2, 1/s."""
+
+    damping_ratio: float = 0.0
+    alpha: float = 0.0  # 1/s, in proportion to the mass
+    beta: float = 0.0  # s, in proportion to the stiffness
+
+    def rates(self, omega: Array) -> Array:
+        """Rates of modes, 1/s."""
+        return 2 * self.damping_ratio * omega + self.alpha + self.beta * omega**2
+
+
+class Units(NamedTuple):
+    """SI units in one of a model: m, kg."""
+
+    length: float = 1.0
+    mass: float = 1.0
+
+    @property
+    def force(self) -> float:
+        """N in a unit of force; times are in s."""
+        return self.length * self.mass
+
+
+@dataclass(frozen=True, eq=False)
+class StructureSimulator:
+    """A structure that is let go, as `diagnose` asks a simulator: in SI units.
+
+    Parameters
+    ----------
+    structure : LinearModel
+        Its modes.
+    curve : HeldCurve
+        Shapes along the mode that is kept.
+    sensors : sequence of int
+        Rows of the freedoms that are measured; a force acts at the first.
+    damping : Damping
+        Of all modes.
+    rings : sequence of int
+        Numbers of the modes that ring beside it.
+    held_by : str
+        What holds the structure until it is let go: a "force" at the first sensor, or the modal
+        force of the "mode".
+    units : Units
+        Of the structure.
+    """
+
+    structure: LinearModel
+    curve: HeldCurve
+    sensors: Sequence[int]
+    damping: Damping
+    rings: Sequence[int]
+    held_by: str
+    units: Units
+
+    takes_force = True
+    takes_values = ("modulus", "density", *Damping._fields)
+
+    @property
+    def __name__(self) -> str:
+        return self.structure.name
+
+    def simulate(
+        self,
+        release: float,
+        t: Array,
+        force: Force | None = None,
+        *,
+        modulus: float = 1.0,
+        density: float = 1.0,
+        **damping: float,
+    ) -> Array:
+        """Displacements (n, n_sensors), m, at times t (n,), s.
+
+        Parameters
+        ----------
+        release : float
+            Displacement of the first sensor, m.
+        force : callable, optional
+            Of time, displacement (m) and velocity (m/s) of the first sensor, N.
+        modulus, density : float
+            Over those of the deck, of all its materials.
+        damping : float
+            Any of `Damping`, in the place of what was stated.
+
+        Raises
+        ------
+        ValueError
+            For a release, or a motion, beyond the range that was held.
+        """
+        start = self._held(release / self.units.length)
+        rates = self._damping(modulus, density, self.damping._replace(**damping))
+        omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
+        m = 1 + (len(self.rings) if force is not None else 0)  # without one they ring by themselves
+        beside = self._beside_linear(force, modulus / density, density, rates)
+        y = _in_time(t, start[:, :m], omega2[:m], rates[:m], beside)
+        q, r = y[:, 0, 0], y[:, 0, 1:]
+        low, high = self.curve.range
+        if not np.all(np.isfinite(y)) or q.min() < _BEYOND * low or q.max() > _BEYOND * high:
+            raise ValueError(
+                f"the motion leaves the range that was held: q = {low:.4g} to {high:.4g}; hold it"
+                " over a larger one"
+            )
+        if force is None:
+            r = _ringing(t, start[0, 1:], omega2[1:], rates[1:]).T
+        moved = self.curve.shapes_at(q)[:, self.sensors] + r @ self._shapes[:, self.sensors]
+        return np.asarray(self.units.length * moved)
+
+    def _damping(self, modulus: float, density: float, damping: Damping) -> Array:
+        """2 zeta omega of the mode that is kept, and of those that ring, (1 + m,), 1/s."""
+        omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
+        return np.asarray(damping.rates(np.sqrt(omega2)))
+
+    @cached_property
+    def _shapes(self) -> Array:
+        """Shapes of the modes that ring, (m, n)."""
+        return self.structure.shapes[[n - 1 for n in self.rings]]
+
+    @cached_property
+    def _omega2(self) -> Array:
+        return np.asarray(self.structure.omega[[n - 1 for n in self.rings]] ** 2)
+
+    def _held(self, release: float) -> Array:
+        """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much."""
+        row = self.sensors[0]
+        pushed = self._shapes[:, row] / self._omega2  # of a unit of force
+
+        def size(q: float) -> float:
+            if self.held_by == "mode":
+                return 0.0
+            at = np.array([q])
+            slope = self.curve.mode.shape[row] + self.curve.following_at(at, slope=True)[0, row]
+            return float(self.curve.force_at(at)[0] / slope)
+
+        def off(q: float) -> float:
+            there = self.curve.shapes_at(np.array([q]))[0, row]
+            return float(there + size(q) * (self._shapes[:, row] @ pushed) - release)
+
+        low, high = self.curve.range
+        if off(low) * off(high) > 0:
+            ends = sorted(release + off(x) for x in (low, high))
+            raise ValueError(
+                f"the release {release:.4g} is beyond the range that was held, {ends[0]:.4g} to"
+                f" {ends[1]:.4g} at the first sensor: hold it over a larger one"
+            )
+        q = brentq(off, low, high, xtol=1e-14 * (high - low))
+        return np.stack([np.append(q, size(q) * pushed), np.zeros(1 + len(pushed))])
+
+    def _beside_linear(
+        self, force: Force | None, stiffer: float, density: float, damping: Array
+    ) -> Callable[[float, Array], Array]:
+        """Accelerations (m,) beside those of the linear modes, at a time and a state (2, m)."""
+        row = self.sensors[0]
+        phi, shape = self._shapes[:, row], self.curve.mode.shape[row]
+        own, linear = damping[0], stiffer * self.curve.omega2
+        curve, units = self.curve.at_point(row), self.units
+
+        def beside(t: float, y: Array) -> Array:
+            (q, *_), (q_dot, *_) = y
+            stiffness, inertia, gradient, moved, slope = curve(q)
+            push, more = 0.0, np.zeros(y.shape[1])
+            if force is not None:
+                r, r_dot = y[:, 1:]
+                x = shape * q + moved + phi @ r
+                v = (shape + slope) * q_dot + phi @ r_dot
+                push = force(t, units.length * x, units.length * v) / units.force / density
+                more[1:] = phi * push
+            left = stiffer * stiffness + own * q_dot + gradient / 2 * q_dot**2
+            more[0] = ((shape + slope) * push - left) / inertia + linear * q + own * q_dot
+            return more
+
+        return beside
+
+
+def _in_time(
+    t: Array,
+    start: Array,
+    omega2: Array,
+    damping: Array,
+    beside: Callable[[float, Array], Array],
+) -> Array:
+    """States (n, 2, m) at even times: linear modes exactly, what is beside them by Runge and Kutta.
+
+    J. D. Lawson, "Generalized Runge-Kutta processes for stable systems with large Lipschitz
+    constants", SIAM J. Numer. Anal. 4 (1967), doi 10.1137/0704033, of the fourth order.
+    """
+    parts = max(int(np.ceil((t[1] - t[0]) * np.sqrt(omega2.max()) / _TURN)), 1)
+    h = (t[1] - t[0]) / parts
+    half = _propagator(omega2, damping, h / 2)
+
+    def moved(y: Array) -> Array:
+        return np.einsum("abm,bm->am", half, y)
+
+    out, y = np.empty((len(t), *start.shape)), start.copy()
+    for i, time in enumerate(t):
+        out[i] = y
+        for j in range(parts if i + 1 < len(t) else 0):
+            s, k = time + j * h, np.zeros((4, *y.shape))
+            k[0, 1] = beside(s, y)
+            k[1, 1] = beside(s + h / 2, moved(y + h / 2 * k[0]))
+            middle = moved(y)
+            k[2, 1] = beside(s + h / 2, middle + h / 2 * k[1])
+            k[3, 1] = beside(s + h, moved(middle + h * k[2]))
+            later = moved(y + h / 6 * k[0]) + h / 3 * (k[1] + k[2])
+            y = moved(later) + h / 6 * k[3]
+    return out
+
+
+def _propagator(omega2: Array, damping: Array, h: float) -> Array:
+    """(2, 2, m): displacement and rate of linear modes after a time, from those before."""
+    turned = np.sqrt(omega2 - damping**2 / 4 + 0j)
+    c, s = np.cos(turned * h), np.sin(turned * h) / turned
+    slow = np.exp(-damping / 2 * h)
+    rows = [[c + damping / 2 * s, s], [-omega2 * s, c - damping / 2 * s]]
+    return np.real(slow * np.array(rows))
+
+
+def _ringing(t: Array, start: Array, omega2: Array, damping: Array) -> Array:
+    """Linear modes (m, n) that are let go at rest, at times t (n,)."""
+    turned = np.sqrt(omega2 - damping**2 / 4 + 0j)[:, None]
+    ratio = damping[:, None] / 2 / turned
+    waves = np.cos(turned * t) + ratio * np.sin(turned * t)
+    return np.real(start[:, None] * np.exp(-damping[:, None] / 2 * t) * waves)

@@ -1,0 +1,193 @@
+"""A structure as a simulator, against closed forms; and its TOML file."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.linalg import expm
+from solid_decks import decks, needs_ccx
+
+import romsindy as rs
+from romsindy.commands.main import main
+from romsindy.structure.deck_file import load_deck
+from romsindy.structure.simulator import Damping, Units
+
+OMEGA = np.array([10.0, 37.0, 90.0])
+SENSORS = [(1, 1), (2, 1)]
+T = np.arange(0, 3, 0.002)
+
+
+def _structure(cubic=0.0, follows=0.0, length=1.0, mass=1.0):
+    """Three masses in one line, with K = omega^2 q + cubic q^3, in units of length and mass."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(3, 3)) + 3 * np.eye(3)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    shapes = np.linalg.solve(root.T, axes).T
+    q = np.linspace(-0.5, 0.5, 10)
+    moved = np.outer(q, shapes[0]) + follows * np.outer(q**2, shapes[2])
+    unit = length * np.sqrt(mass)  # of q
+    return rs.Structure.from_arrays(
+        root @ root.T / mass,
+        shapes / length,
+        OMEGA,
+        {1: ((OMEGA[0] ** 2 * q + cubic * q**3) / unit, moved / length)},
+        [1, 2, 3],
+        [1, 1, 1],
+    )
+
+
+def test_a_linear_structure_rings_in_closed_form():
+    """All three modes, let go from a static shape under a force at the first sensor."""
+    structure, zeta = _structure(), 0.02
+    x = structure.simulator(SENSORS, damping=zeta).simulate(0.1, T)
+    rows = [structure.freedom(*s) for s in SENSORS]
+    phi = structure.shapes[:, rows]
+    held = phi[:, 0] / OMEGA**2
+    held *= 0.1 / (held @ phi[:, 0])
+    turned = OMEGA * np.sqrt(1 - zeta**2)
+    angle = np.outer(T, turned)
+    wave = np.cos(angle) + zeta / np.sqrt(1 - zeta**2) * np.sin(angle)
+    expected = (np.exp(-zeta * np.outer(T, OMEGA)) * wave * held) @ phi
+    assert x[0, 0] == pytest.approx(0.1, rel=1e-9)
+    assert np.abs(x - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_spring_and_a_damper_at_the_first_sensor_are_those_of_the_matrices():
+    """The force couples the modes: the exponential of the whole matrix is the oracle."""
+    structure, k, c = _structure(), 30.0, 0.4
+    simulator = structure.simulator(SENSORS)
+    x = simulator.simulate(0.1, T, lambda t, x, v: -k * x - c * v)
+    rows = [structure.freedom(*s) for s in SENSORS]
+    phi = structure.shapes[:, rows]
+    stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 0], phi[:, 0])
+    damping = c * np.outer(phi[:, 0], phi[:, 0])
+    whole = np.block([[np.zeros((3, 3)), np.eye(3)], [-stiffness, -damping]])
+    held = phi[:, 0] / OMEGA**2
+    held *= 0.1 / (held @ phi[:, 0])
+    step, y, expected = expm(whole * T[1]), np.append(held, np.zeros(3)), []
+    for _ in T:
+        expected.append(y[:3] @ phi)
+        y = step @ y
+    assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
+def test_nonlinear_motion_is_that_of_the_reduced_equation():
+    """Held by the mode alone, one mode swings: its equation has the frequency by quadrature."""
+    structure = _structure(cubic=200.0, follows=0.4)
+    simulator = structure.simulator(SENSORS, held_by="mode")
+    x = simulator.simulate(0.1, np.arange(0, 20, 0.002))[:, 0]
+    found = structure.reduce(1)
+    up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    # What follows shifts the middle of the sensor, not the period.
+    periods = np.diff(up - x[up] / np.diff(x)[up]) * 0.002
+    shape = structure.shapes[0][structure.freedom(1, 1)]
+    q = simulator._held(0.1)[0, 0]
+    assert abs(shape * q - 0.1) > 1e-4  # it does follow
+    expected = 2 * np.pi / found.frequencies(np.array([abs(q)]))[0]
+    assert periods.mean() == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_stiffer_or_heavier_structure_is_faster_or_slower():
+    """Ratios of damping kept, a structure 4 times as stiff does in half the time the same."""
+    simulator = _structure(cubic=200.0, follows=0.4).simulator(SENSORS, damping=0.01)
+    usual = simulator.simulate(0.1, T)
+    assert simulator.simulate(0.1, T / 2, modulus=4.0) == pytest.approx(usual, abs=1e-6)
+    assert simulator.simulate(0.1, 2 * T, density=4.0) == pytest.approx(usual, abs=1e-6)
+
+
+def test_other_units_of_the_model_give_the_same_in_si():
+    """A model in mm and t, asked in m and N."""
+
+    def force(t, x, v):
+        return -30 * x - 0.4 * v
+
+    asked = 0.1, T, force
+    usual = _structure(200.0, 0.4).simulator(SENSORS, damping=Damping(alpha=0.2)).simulate(*asked)
+    small = _structure(200.0, 0.4, length=1e-3, mass=1e3)
+    given = {"damping": Damping(alpha=0.2), "units": Units(1e-3, 1e3)}
+    assert small.simulator(SENSORS, **given).simulate(*asked) == pytest.approx(usual, abs=1e-9)
+
+
+def test_what_is_beyond_the_range_is_refused():
+    simulator = _structure(cubic=-80.0).simulator(SENSORS)
+    with pytest.raises(ValueError, match="is beyond the range that was held"):
+        simulator.simulate(50.0, T)
+    with pytest.raises(ValueError, match="the motion leaves the range that was held"):
+        simulator.simulate(0.1, T, lambda t, x, v: 1e4)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"sensors": []}, r"sensors = \[\]"),
+        ({"sensors": [(1, 2)]}, "is not free in direction 2"),
+        ({"sensors": SENSORS, "held_by": "hand"}, "held_by = 'hand' is none of force, mode"),
+        ({"sensors": SENSORS, "damping": -0.1}, "damping_ratio must be zero or positive"),
+    ],
+)
+def test_simulators_that_cannot_be(given, words):
+    with pytest.raises(ValueError, match=words):
+        _structure().simulator(**given)
+
+
+# -- the file -------------------------------------------------------------------------------------
+
+DECK = """
+[deck]
+file = "beam.inp"
+range = 0.1
+units = "m,kg,s"
+
+[damping]
+alpha = 0.4
+
+[sensors]
+nodes = ["TIP:3"]
+columns = ["tip"]
+
+[tolerances]
+modulus = 0.05
+alpha = 0.2
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[deck]", "[dek]", "dek"),
+        ('file = "beam.inp"', "", "has no 'file'"),
+        ("range = 0.1", 'range = "far"', 'range = "far" must be a finite number'),
+        ('"m,kg,s"', '"mm,t,ms"', "the time must be s"),
+        ('"m,kg,s"', '"m,lb,s"', "the mass 'lb' is none of"),
+        ('"TIP:3"', '"TIP"', "is not NODE:DIRECTION"),
+        ('["tip"]', '["tip", "middle"]', "give nodes"),
+        ("alpha = 0.2", "beta = 0.2", "its value is zero"),
+        ("modulus", "moduluss", "moduluss"),
+        ("range = 0.1", "range = ", "is no TOML"),
+    ],
+)
+def test_a_file_that_cannot_be_meant(tmp_path, old, new, words):
+    path = tmp_path / "beam.toml"
+    path.write_text(DECK.replace(old, new))
+    with pytest.raises(ValueError, match=words) as refusal:
+        load_deck(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_deck_that_is_not_there_is_named(tmp_path):
+    (tmp_path / "beam.toml").write_text(DECK)
+    given = ["diagnose", "--measured", str(tmp_path / "beam.toml")]
+    done = CliRunner().invoke(main, [*given, "--deck", str(tmp_path / "beam.toml")])
+    assert done.exit_code == 2 and "beam.inp: there is no such deck" in done.output
+
+
+@needs_ccx
+def test_damping_that_is_not_stated_is_found(tmp_path):
+    decks.cantilever(tmp_path / "beam.inp", elements=4)
+    with (tmp_path / "beam.inp").open("a") as file:
+        file.write("*NSET, NSET=TIP\n1\n")
+    text = DECK.replace("alpha = 0.2", "").replace("alpha = 0.4", "").replace("TIP:3", "{tip}:3")
+    places = decks.block((4, 1, 1), (1.0, 0.02, 0.01))[0]
+    tip = decks.at(places, 0, 1.0)[0]
+    (tmp_path / "beam.toml").write_text(text.replace("{tip}", str(tip)))
+    found = load_deck(tmp_path / "beam.toml", progress=False)
+    assert set(found.parameters) == {"damping_ratio", "modulus"} and found.columns == ("tip",)
