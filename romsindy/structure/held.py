@@ -29,6 +29,7 @@ from romsindy.structure.calculix import HeldCases
 from romsindy.structure.linear import LinearMode
 from romsindy.typing import Array
 
+_BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 _FINE = 40  # Chebyshev terms of functions of q that are asked one by one: twice the order
 _GRID = 101  # points at which functions of q are compared, and fitted
 _LEVELS = (4, 8, 16, 32)  # Chebyshev intervals over the range
@@ -143,6 +144,7 @@ class HeldCurve:
         """K, 1 + h, h', and what follows at a freedom with its slope, of one q after the other.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
+        The function raises a ValueError for a q beyond the range.
         """
         q = self._centre + self._half * np.cos(np.pi * (np.arange(_FINE) + 0.5) / _FINE)
         slope = self.following_at(q, slope=True)[:, row]
@@ -154,6 +156,11 @@ class HeldCurve:
 
         def at(q: float) -> PointValues:
             x = (q - centre) / half
+            if not abs(x) < _BEYOND:
+                raise ValueError(
+                    f"the motion leaves the range that was held, q = {centre - half:.4g} to"
+                    f" {centre + half:.4g}: hold it over a larger one"
+                )
             if abs(x) <= 1:
                 terms = np.cos(orders * np.arccos(x))
             else:
