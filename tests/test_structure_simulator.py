@@ -8,7 +8,7 @@ from solid_decks import decks, needs_ccx
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.structure.deck_file import load_deck
+from romsindy.structure.deck_file import DeckFile
 from romsindy.structure.simulator import Damping, Units
 
 OMEGA = np.array([10.0, 37.0, 90.0])
@@ -169,7 +169,7 @@ def test_a_file_that_cannot_be_meant(tmp_path, old, new, words):
     path = tmp_path / "beam.toml"
     path.write_text(DECK.replace(old, new))
     with pytest.raises(ValueError, match=words) as refusal:
-        load_deck(path)
+        DeckFile.load(path)
     assert str(path) in str(refusal.value)
 
 
@@ -189,5 +189,6 @@ def test_damping_that_is_not_stated_is_found(tmp_path):
     places = decks.block((4, 1, 1), (1.0, 0.02, 0.01))[0]
     tip = decks.at(places, 0, 1.0)[0]
     (tmp_path / "beam.toml").write_text(text.replace("{tip}", str(tip)))
-    found = load_deck(tmp_path / "beam.toml", progress=False)
+    found = DeckFile.load(tmp_path / "beam.toml")
+    assert len(found.simulator(progress=False).rings) == 2
     assert set(found.parameters) == {"damping_ratio", "modulus"} and found.columns == ("tip",)

@@ -51,7 +51,7 @@ from romsindy.physics.validation import table
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.simulator import Program
-from romsindy.structure.deck_file import load_deck
+from romsindy.structure.deck_file import DeckFile
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -303,8 +303,8 @@ def diagnose(
         simulation = {"model": beam, "sensors": sensors}
         reading["column"], choice = columns, Selection(whole=True)
     elif deck_file is not None:
-        deck = load_deck(deck_file, n_jobs=jobs)
-        simulation = {"model": deck.simulator, "parameters": deck.parameters or None}
+        deck = DeckFile.load(deck_file)
+        simulation = {"model": deck.simulator(n_jobs=jobs), "parameters": deck.parameters or None}
         reading["column"] = list(deck.columns)
         choice = choice._replace(coordinates=len(deck.columns))
     elif simulator is not None:

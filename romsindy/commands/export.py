@@ -19,6 +19,10 @@ from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import several, table
 from romsindy.physics.validation import text as entry
 from romsindy.record.files.load import named
+from romsindy.simulator.force import LawForce
+from romsindy.structure.corrected import Correction, corrected_deck
+from romsindy.structure.deck import Deck
+from romsindy.structure.deck_file import DeckFile
 from romsindy.text import listed
 
 _STDOUT = Path("-")
@@ -31,9 +35,16 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
 @click.option(
     "--to",
     "language",
-    type=click.Choice(["matlab", "c", "sympy", "text"]),
+    type=click.Choice(["matlab", "c", "sympy", "text", "deck"]),
     required=True,
-    help="A function for ode45, a C99 function, Python with sympy, or the equation to be read.",
+    help="A function for ode45, a C99 function, Python with sympy, the equation to be read, or with"
+    " --deck a corrected deck of CalculiX.",
+)
+@click.option(
+    "--deck",
+    "deck_file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="The deck (TOML) that was diagnosed; FILE is what diagnose --json wrote.",
 )
 @click.option(
     "--output",
@@ -46,7 +57,14 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
     "--short", is_flag=True, help="The few terms that identify shows, of what it wrote by --save."
 )
 @click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
-def export(file: Path, language: str, output: Path, short: bool, name: str | None) -> None:
+def export(
+    file: Path,
+    language: str,
+    deck_file: Path | None,
+    output: Path,
+    short: bool,
+    name: str | None,
+) -> None:
     """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
@@ -54,6 +72,12 @@ def export(file: Path, language: str, output: Path, short: bool, name: str | Non
     Measured inputs become arguments: functions of time in MATLAB and sympy, values in C.
     """
     text = text_of(file)
+    if (language == "deck") != (deck_file is not None):
+        raise click.UsageError("--to deck and --deck, the deck that was diagnosed, go together")
+    if deck_file is not None:
+        with named(f"{file}"):
+            write_text(output, _deck(text, file, DeckFile.load(deck_file)))
+        return
     with named(f"{file}"):
         model = _short(text) if short else _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
@@ -70,6 +94,39 @@ def _code(model: Equations, language: str, name: str) -> str:
         pairs = list(zip(model.terms, model.values, strict=True))
         return python_script(pairs, str(model), model.coordinates)
     return model.to_matlab(name) if language == "matlab" else model.to_c(name)
+
+
+def _deck(text: str, file: Path, given: DeckFile) -> str:
+    """The deck with what a diagnosis of it found.
+
+    Raises a ValueError if the text holds no diagnosis of a deck, or one that added nothing.
+    """
+    content = table("the JSON text", read_json(text))
+    if not {"force_laws", "values", "verdict", "effects"} <= {*content}:
+        raise ValueError("this is no diagnosis of a deck: give what diagnose --deck --json wrote")
+    laws, values = content["force_laws"], table("values", content["values"])
+    force = None if laws is None else LawForce.of_content("force_laws", laws)
+    changed = {n: float(v) for n, v in values.items() if v != given.parameters.get(n, (v,))[0]}
+    if force is None and not changed:
+        raise ValueError(f"nothing was added to the deck: the verdict is {content['verdict']!r}")
+    remarks = [f"found by a diagnosis, {file}: {content['verdict']}"]
+    remarks += [f"{n} = {v:.6g}" for n, v in changed.items()]
+    if force is not None:
+        remarks.append(f"force on the node, N, of x (m) and v (m/s): {force}")
+        if force(0.0, 0.0, 1e-3):
+            remarks.append("its part that damps has no element in *DYNAMIC: it is not in this deck")
+    deck, (node, direction) = Deck.load(given.file), given.sensors[0]
+    holds = force is not None and any(force(0.0, x, 0.0) for x in (-1e-3, 1e-3))
+    found = Correction(
+        node=deck.node(node),
+        direction=direction,
+        spring=(lambda x: force(0.0, x, 0.0)) if holds and force is not None else None,
+        reach=1.0 if force is None else force.reach[0],
+        modulus=changed.get("modulus", 1.0),
+        density=changed.get("density", 1.0),
+        remarks=remarks,
+    )
+    return corrected_deck(deck, found, given.units)
 
 
 def _model(text: str) -> Equations:

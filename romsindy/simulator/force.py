@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from romsindy.physics.export import exact, sympy_module, traced
-from romsindy.physics.term import Term
+from romsindy.physics.term import Term, law_called
+from romsindy.physics.validation import finite, several, table, text
 from romsindy.text import listed
 
 LANGUAGES = {"py": "Python", "m": "MATLAB", "c": "C", "mo": "Modelica"}
@@ -56,6 +57,24 @@ class LawForce:
             if size >= _MATTERS * max(sizes)
         ]
         return " + ".join(terms).replace("+ -", "- ") or "0"
+
+    def content(self) -> dict[str, Any]:
+        """What JSON keeps of it."""
+        laws = [[law.key, c] for law, c in self.laws]
+        return {"laws": laws, "mass": self.mass, "per_q": self.per_q, "reach": [*self.reach]}
+
+    @classmethod
+    def of_content(cls, name: str, value: Any) -> LawForce:
+        """The force that JSON keeps; raises a ValueError for anything else."""
+        found = table(name, value, ("laws", "mass", "per_q", "reach"))
+        laws = []
+        for key, c in found["laws"]:
+            law = law_called(text(f"{name}.laws", key))
+            if law is None:
+                raise ValueError(f"{name}.laws has {key!r}, which is no law that is known")
+            laws.append((law, float(finite(f"{name}.laws {key}", c))))
+        x, v = several(finite)(f"{name}.reach", found["reach"])
+        return cls(tuple(laws), found["mass"], found["per_q"], (x, v))
 
     def expression(self) -> Any:
         """The force as an expression of sympy, of the symbols x and v."""

@@ -66,18 +66,14 @@ class Card:
     name: str  # in capitals
     parameters: dict[str, str]
     source: tuple[Path, int]  # file, and line of the keyword
-    head: tuple[str, ...]  # its lines as they stand
-    data: tuple[str, ...]  # lines of data as they stand, without comments
+    lines: tuple[str, ...]  # all of it as it stands
+    data: tuple[str, ...]  # lines of data, without comments and what is empty
+    rows: tuple[int, ...]  # their numbers in the file
 
     @property
     def at(self) -> str:
         """Where it stands, in words."""
         return f"{self.source[0]}, line {self.source[1]}"
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """All of it as it stands."""
-        return self.head + self.data
 
     def fields(self) -> Iterator[list[str]]:
         """The entries of each line of data."""
@@ -92,6 +88,7 @@ class Deck:
     path: Path
     cards: tuple[Card, ...]  # of the model, with the supports
     notes: tuple[str, ...]  # what of the deck is left out
+    step: Card | None  # the first step, where there is one
 
     @classmethod
     def load(cls, path: str | Path) -> Deck:
@@ -111,9 +108,14 @@ class Deck:
             if several < 2:
                 (step if several else model).append(card)
         supports = [c for c in step if c.name == "BOUNDARY"]
-        deck = cls(Path(path), (*model, *supports), tuple(_left_out(step)))
+        deck = cls(Path(path), (*model, *supports), tuple(_left_out(step)), next(iter(step), None))
         deck._check()
         return deck
+
+    @property
+    def lines(self) -> list[str]:
+        """Lines of the file itself, as they stand."""
+        return _lines(self.path)
 
     @property
     def text(self) -> str:
@@ -212,11 +214,18 @@ class Deck:
 
 def _cards(path: Path, including: Sequence[Path] = ()) -> Iterator[Card]:
     """Cards of a file and of those that it includes, in their order."""
-    for start, head, data in _blocks(_lines(path)):
-        name, *rest = [p.strip() for p in "".join(head).lstrip("*").split(",")]
+    for start, head, block, data in _blocks(_lines(path)):
+        name, *rest = [p.strip() for p in head.lstrip("*").split(",")]
         pairs = (p.partition("=") for p in rest if p)
         parameters = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-        card = Card(" ".join(name.upper().split()), parameters, (path, start), head, data)
+        card = Card(
+            " ".join(name.upper().split()),
+            parameters,
+            (path, start),
+            block,
+            (*data.values(),),
+            (*data,),
+        )
         if card.name != "INCLUDE":
             yield card
             continue
@@ -238,24 +247,26 @@ def _lines(path: Path) -> list[str]:
         raise DeckError(f"{path}: there is no such deck") from error
 
 
-def _blocks(lines: Sequence[str]) -> Iterator[tuple[int, tuple[str, ...], tuple[str, ...]]]:
-    """Keywords with their data: number of the line, lines of the head, lines of data."""
-    start = 0
-    head: list[str] = []
-    data: list[str] = []
-    for number, line in enumerate(lines, 1):
-        if line.lstrip().startswith("**") or not line.strip():
-            continue
-        if line.lstrip().startswith("*"):
-            if head:
-                yield start, tuple(head), tuple(data)
-            start, head, data = number, [line], []
-        elif head and not data and head[-1].rstrip().endswith(","):  # the head goes on
-            head.append(line)
-        elif head:
-            data.append(line)
-    if head:
-        yield start, tuple(head), tuple(data)
+def _blocks(
+    lines: Sequence[str],
+) -> Iterator[tuple[int, str, tuple[str, ...], dict[int, str]]]:
+    """Of each keyword the number of its line, its head, all lines, and those of data by number."""
+    starts = [i for i, line in enumerate(lines) if _is_keyword(line)]
+    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+        head, first = lines[start], start + 1
+        while head.rstrip().endswith(",") and first < end:  # the head goes on
+            head, first = head + lines[first], first + 1
+        rows = range(first, end)
+        data = {i + 1: lines[i] for i in rows if lines[i].strip() and not _is_comment(lines[i])}
+        yield start + 1, head, tuple(lines[start:end]), data
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("**")
+
+
+def _is_keyword(line: str) -> bool:
+    return line.lstrip().startswith("*") and not _is_comment(line)
 
 
 def _members(card: Card, sets: dict[str, list[int]]) -> Iterator[int]:

@@ -26,42 +26,68 @@ _UNSTATED = 0.01, 3.0
 
 
 @dataclass(frozen=True)
-class MeasuredDeck:
-    """A deck with its sensors, as `diagnose` takes it."""
+class DeckFile:
+    """A deck with its sensors and tolerances, as a TOML file has them."""
 
-    simulator: StructureSimulator
+    file: Path
+    reach: float  # of the node that moves most, unit of length of the deck
+    mode: int
+    units: Units
+    ccx: str
+    store: Path
+    sensors: tuple[tuple[str, int], ...]  # node and direction
     columns: tuple[str, ...]  # of the measured files, in the order of the sensors
+    damping: Damping
+    held_by: str
     parameters: Mapping[str, tuple[float, float]]  # values that may be off, with tolerances
 
+    @classmethod
+    def load(cls, path: str | Path) -> DeckFile:
+        """Read the file; nothing is computed.
 
-def load_deck(path: str | Path, *, n_jobs: int = 1, progress: bool = True) -> MeasuredDeck:
-    """Read a deck, its sensors and its tolerances from a TOML file, and hold it by CalculiX.
+        ``[deck]`` has ``file`` (beside the TOML file), ``range`` in its unit of length, and if need
+        be ``mode``, ``units`` ("mm,t,s"), ``ccx`` and ``store``; ``[sensors]`` has ``nodes``, such
+        as "412:3" or "TIP:3", and as many ``columns`` of the measured files: at the first the
+        structure is let go, and what is missing acts. ``[damping]`` has ``damping_ratio``, or
+        ``alpha`` and ``beta``; without it the ratio is found. ``[release]`` has ``held_by``: a
+        "force" at the first sensor, or the "mode". ``[tolerances]`` has relative standard
+        deviations of "modulus", "density" and the damping.
 
-    ``[deck]`` has ``file`` (beside the TOML file), ``range`` in its unit of length, and if need be
-    ``mode``, ``units`` ("mm,t,s"), ``ccx`` and ``store``; ``[sensors]`` has ``nodes``, such as
-    "412:3" or "TIP:3", and as many ``columns`` of the measured files: at the first the structure is
-    let go. ``[damping]`` has ``damping_ratio``, or ``alpha`` and ``beta``; without it the ratio is
-    found. ``[release]`` has ``held_by``: a "force" at the first sensor, or the "mode".
-    ``[tolerances]`` has relative standard deviations of "modulus", "density" and the damping.
+        Raises
+        ------
+        ValueError
+            For a file that is no TOML, and an entry that is unknown, missing or of the wrong kind.
+        """
+        path = Path(path)
+        try:
+            return _read(path, tomllib.loads(path.read_text(encoding="utf-8")))
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{path} is no TOML: {error}") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
 
-    Raises
-    ------
-    ValueError
-        For a file that is no TOML, an entry that is unknown, missing or of the wrong kind, and
-        whatever `Structure.from_calculix` refuses.
-    """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{path} is no TOML: {error}") from error
-    try:
-        return _loaded(path, content, n_jobs, progress)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    def simulator(self, *, n_jobs: int = 1, progress: bool = True) -> StructureSimulator:
+        """The deck as a simulator, held by CalculiX; what is kept is not computed again.
+
+        Raises
+        ------
+        ValueError
+            For whatever `Structure.from_calculix` and `Structure.simulator` refuse.
+        """
+        structure = Structure.from_calculix(
+            self.file, ccx=self.ccx, store=self.store, n_jobs=n_jobs, progress=progress
+        )
+        return structure.simulator(
+            self.sensors,
+            self.reach,
+            self.mode,
+            damping=self.damping,
+            held_by=self.held_by,
+            units=self.units,
+        )
 
 
-def _loaded(path: Path, content: Mapping[str, Any], n_jobs: int, progress: bool) -> MeasuredDeck:
+def _read(path: Path, content: Mapping[str, Any]) -> DeckFile:
     refuse_unknown("a file of a deck", content, _TABLES)
     deck = entries.table("[deck]", content.get("deck", {}), ("file", "range"))
     refuse_unknown("[deck]", deck, ("file", "range", "mode", "units", "ccx", "store"))
@@ -70,24 +96,21 @@ def _loaded(path: Path, content: Mapping[str, Any], n_jobs: int, progress: bool)
     release = entries.table("[release]", content.get("release", {}))
     refuse_unknown("[release]", release, ("held_by",))
     parameters = _parameters(entries.table("[tolerances]", content.get("tolerances", {})), damping)
-    if not stated:
-        parameters = {"damping_ratio": _UNSTATED, **parameters}
     file = path.parent / entries.text("[deck] file", deck["file"])
     store = entries.text("[deck] store", deck.get("store", f"{file.stem}.cases.npz"))
-    reach = entries.finite("[deck] range", deck["range"])
-    mode = entries.whole("[deck] mode", deck.get("mode", 1))
-    units = units_of("[deck] units", deck.get("units", "m,kg,s"))
-    held_by = entries.text("[release] held_by", release.get("held_by", HELD_BY[0]))
-    structure = Structure.from_calculix(
-        file,
+    return DeckFile(
+        file=file,
+        reach=float(entries.finite("[deck] range", deck["range"])),
+        mode=entries.whole("[deck] mode", deck.get("mode", 1)),
+        units=units_of("[deck] units", deck.get("units", "m,kg,s")),
         ccx=entries.text("[deck] ccx", deck.get("ccx", "ccx")),
         store=path.parent / store,
-        n_jobs=n_jobs,
-        progress=progress,
+        sensors=nodes,
+        columns=columns,
+        damping=damping,
+        held_by=entries.text("[release] held_by", release.get("held_by", HELD_BY[0])),
+        parameters=parameters if stated else {"damping_ratio": _UNSTATED, **parameters},
     )
-    given = {"damping": damping, "held_by": held_by, "units": units}
-    simulator = structure.simulator(nodes, reach, mode, **given)  # type: ignore[arg-type]
-    return MeasuredDeck(simulator, columns, parameters)
 
 
 def sensor_of(name: str, text: str) -> tuple[str, int]:
@@ -123,7 +146,9 @@ def units_of(name: str, value: Any) -> Units:
     return Units(known.factor, _MASSES[mass])
 
 
-def _sensors(table: Mapping[str, Any]) -> tuple[list[tuple[str, int]], tuple[str, ...]]:
+def _sensors(
+    table: Mapping[str, Any],
+) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...]]:
     refuse_unknown("[sensors]", table, ("nodes", "columns"))
     names, columns = (
         entries.several(entries.text)(f"[sensors] {name}", table.get(name, []))
@@ -135,7 +160,7 @@ def _sensors(table: Mapping[str, Any]) -> tuple[list[tuple[str, int]], tuple[str
             ' ["412:3"], node and direction, and as many columns = [...], names in the measured'
             " files"
         )
-    return [sensor_of("[sensors] nodes:", name) for name in names], columns
+    return tuple(sensor_of("[sensors] nodes:", name) for name in names), columns
 
 
 def _damping(table: Mapping[str, Any]) -> tuple[Damping, bool]:

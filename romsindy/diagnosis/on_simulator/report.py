@@ -113,5 +113,6 @@ class SimulatorReport(StructureReport):
             "missed": self.missed,
             "values": self.values,
             "force": None if self.force is None else f"{self.force}",
+            "force_laws": None if self.force is None else self.force.content(),
             "releases": [list(pair) for pair in self.seen.released],
         }
