@@ -95,9 +95,11 @@ def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
             "case": Path(path.name.upper()),
             "process": Path("/proc/self/cwd") / path.name,
         }[way]
+    others = [p for p in COMMANDS[name].params if isinstance(p, click.Argument) and p.required]
     result = run(
         name,
         *NEEDED.get(name, []),
+        *["other.csv" for p in others if p not in (source, output)],
         *words(source, path.name),
         *words(output, other),
         "--force",

@@ -155,6 +155,16 @@ def test_what_cannot_be_written_back(folder, content, words):
     assert words in done.output.replace(" and ", ", ")
 
 
+def test_the_deck_itself_is_not_replaced(folder):
+    (folder / "d.json").write_text(json.dumps(_diagnosis(None, modulus=1.1)))
+    before = (folder / "arch.inp").read_bytes()
+    done = _export("-o", "arch.inp", "--force")
+    assert done.exit_code == 2 and "is the deck, arch.inp: no output replaces" in done.output
+    assert (folder / "arch.inp").read_bytes() == before
+    # What was written by the same command is.
+    assert _export("-o", "new.inp").exit_code == 0 and _export("-o", "new.inp").exit_code == 0
+
+
 def test_deck_and_language_go_together(folder):
     (folder / "d.json").write_text("{}")
     done = CliRunner().invoke(main, ["export", "d.json", "--to", "deck"])

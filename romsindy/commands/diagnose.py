@@ -36,6 +36,7 @@ from romsindy.commands.outputs import (
     Output,
     WritingCommand,
     default_page,
+    keep_inputs,
     told,
     write_json,
     writing,
@@ -304,6 +305,7 @@ def diagnose(
         reading["column"], choice = columns, Selection(whole=True)
     elif deck_file is not None:
         deck = DeckFile.load(deck_file)
+        keep_inputs(deck.inputs)
         simulation = {"model": deck.simulator(n_jobs=jobs), "parameters": deck.parameters or None}
         reading["column"] = list(deck.columns)
         choice = choice._replace(coordinates=len(deck.columns))

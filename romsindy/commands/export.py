@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from romsindy.commands.options import estimate_of, model_of, text_of
-from romsindy.commands.outputs import Output, WritingCommand, write_text
+from romsindy.commands.outputs import Output, WritingCommand, keep_inputs, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.equations import Equations
@@ -75,8 +75,11 @@ def export(
     if (language == "deck") != (deck_file is not None):
         raise click.UsageError("--to deck and --deck, the deck that was diagnosed, go together")
     if deck_file is not None:
+        given = DeckFile.load(deck_file)
+        keep_inputs(given.inputs)
         with named(f"{file}"):
-            write_text(output, _deck(text, file, DeckFile.load(deck_file)))
+            corrected = _deck(text, file, given)
+        write_text(output, f"{corrected}** {_MARK}")
         return
     with named(f"{file}"):
         model = _short(text) if short else _model(text)

@@ -140,6 +140,19 @@ def _claim(
     ctx.meta[_CLAIMED][path] = label
 
 
+def keep_inputs(files: Mapping[str, Path]) -> None:
+    """Raise a UsageError where an output is one of these files, which an input names."""
+    ctx = click.get_current_context()
+    for path, label in ctx.meta[_CLAIMED].items():
+        for what, file in files.items():
+            if _same(path, file):
+                raise click.UsageError(
+                    f"{label} {path} is {what}, {file}: no output replaces an input; name another"
+                    " file",
+                    ctx,
+                )
+
+
 def _inputs(ctx: click.Context) -> Iterator[tuple[str, Path]]:
     """Options and arguments that name files to be read, each with its file."""
     for param in ctx.command.params:

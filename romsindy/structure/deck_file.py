@@ -66,6 +66,11 @@ class DeckFile:
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
 
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that it names, by what they are."""
+        return {"the deck": self.file, "what is kept of the deck": self.store}
+
     def simulator(self, *, n_jobs: int = 1, progress: bool = True) -> StructureSimulator:
         """The deck as a simulator, held by CalculiX; what is kept is not computed again.
 
