@@ -53,6 +53,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.simulator import Program
 from romsindy.structure.deck_file import DeckFile
+from romsindy.structure.simulator import StructureSimulator
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -378,7 +379,9 @@ def _run(
         try:
             return run_diagnosis(measured=measured, n_jobs=jobs, progress=progress, **settings)
         except ValueError as error:
-            raise ValueError(_on_command_line(str(error), names)) from error
+            told = _on_command_line(str(error), names)
+            a_deck = isinstance(given["model"], StructureSimulator)
+            raise ValueError(told.replace("--simulator", "--deck") if a_deck else told) from error
 
 
 def _model(path: Path) -> Equations | Estimate:

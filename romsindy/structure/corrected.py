@@ -15,7 +15,7 @@ from romsindy.structure.deck import Card, Deck
 from romsindy.structure.simulator import Units
 
 _FAR = 1e3  # times the size of the structure: from there a spring pulls along one direction
-_TABLE, _BEYOND = 41, 2.0  # points of a spring, and how far: it is constant beyond its table
+_TABLE, _BEYOND = 401, 2.0  # points of a spring, and how far: it is constant beyond its table
 _LINEAR = 1e-6  # of a force: a spring that bends less is one number
 _NAME = "ROMSINDY"
 
