@@ -316,6 +316,8 @@ class Recording:
         What was done to the record, for the reader.
     drives : tuple of RecordedInput
         Inputs that were measured with it.
+    left_out : tuple of str
+        Names of further columns of the file.
 
     Raises
     ------
@@ -338,6 +340,7 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = ()
     drives: tuple[RecordedInput, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         t, x = enough_times(self.t), as_floats("x", self.x)

@@ -262,6 +262,7 @@ class _Measured(NamedTuple):
     notes: tuple[str, ...]
     doubt: str
     inputs: list[tuple[str, Column]]  # each with its kind
+    rest: list[Column]  # of other columns
 
 
 def _choice(
@@ -295,7 +296,9 @@ def _choice(
     notes = (*table.notes, *(c.damage for c in chosen), note, told)
     wanted = wanted or chosen[0].quantity or "displacement"
     inputs = [(kind, c) for kind, c in inputs if len(c.values) == len(t)]
-    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
+    rest = choose.signals_of(table, None)
+    rest = [c for c in rest if c not in (*chosen, *pushing) and c.name != time]
+    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs, rest)
 
 
 def _names(column: str | Sequence[str] | None) -> list[str] | None:
@@ -328,7 +331,8 @@ def _recording(
         raise ValueError(f"columns {dead} hold no number: choose another one with column=")
     basis = _basis(columns[0], unit, quantity)
     base = units[0][0]
-    return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+    given = (choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+    return Recording(*given, left_out=tuple(c.name for c in choice.rest))
 
 
 def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
