@@ -92,7 +92,7 @@ def load_recording(
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
-        return replace(part, drives=_drives(choice, start, end))
+        return replace(part, drives=_drives(choice, start, end, part.dt))
 
 
 def load_decay(
@@ -335,9 +335,11 @@ def _recording(
     return Recording(*given, left_out=tuple(c.name for c in choice.rest))
 
 
-def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
+def _drives(
+    choice: _Measured, start: float | None, end: float | None, dt: float
+) -> tuple[RecordedInput, ...]:
     """What the inputs beside a recording do within it."""
-    part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
+    part = part_between(choice.t, start, end)
     return tuple(recorded_input(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
