@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency, unpredicted
 from romsindy.record.recording import QUANTITIES, Recording
-from romsindy.record.signals import runs
+from romsindy.record.signals import runs, without_hum
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
@@ -390,6 +390,10 @@ def _decays(
 ) -> Iterator[Release | Discarded]:
     """The free decays of a stretch, and what lies before, between and after them."""
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
+    if np.ptp(x) < _LARGE * (
+        np.nanmax(channel) - np.nanmin(channel)
+    ):  # a hold, or where friction has stopped it
+        x = without_hum(x, recording.dt)
     amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
     loud = runs(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
