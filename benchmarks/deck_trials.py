@@ -99,7 +99,7 @@ def _node(structure: rs.Structure, x: float) -> int:
 
 def right(hidden: Hidden, report: Any) -> bool:
     """Whether the first explanation names what was hidden, or nothing where nothing was."""
-    names = set(report.best.names) if report.verdict != "none" else set()
+    names = set(report.reduced.best.names) if report.verdict != "none" else set()
     return names & _HIDDEN[hidden.kind][3] != set() if hidden.strength else not report.force
 
 
@@ -127,7 +127,7 @@ def main(first: int, count: int, wrong: bool) -> None:
             after = max((e.after for e in report.sensor_errors), default=float("nan"))
             click.echo(
                 f"{seed}  {hidden.kind} {hidden.strength:.4g}  ->  {report.verdict}"
-                f" {'+'.join(report.best.names) or 'nothing'}; force {report.force}; values"
+                f" {'+'.join(report.reduced.best.names) or 'nothing'}; force {report.force}; values"
                 f" { {k: float(f'{v:.5g}') for k, v in report.values.items()} } of"
                 f" { {k: float(f'{v:.5g}') for k, v in hidden.values.items()} }; worst sensor"
                 f" {after:.2f} times the noise; {time.process_time() - begun:.0f} s"

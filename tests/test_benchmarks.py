@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -744,3 +745,29 @@ def test_a_batch_of_the_benchmark_is_identified(benchmark, tmp_path):
     (tmp_path / "run00006.csv").write_text("nothing")
     with pytest.raises(RuntimeError, match=r"1 of 2 records identified.*1 refused"):
         benchmark.seconds(tmp_path)
+
+
+@benchmark_of("deck_trials")
+def test_trials_of_a_deck_hide_one_kind_after_the_other(benchmark):
+    """Six seeds hide six kinds; values are told exactly, or off by their tolerances."""
+    several = [benchmark.hidden_of(seed, wrong=False) for seed in range(6)]
+    assert {h.kind for h in several} == set(benchmark._HIDDEN)
+    assert all(set(h.values.values()) == {1.0} for h in several)
+    off = np.array([[*benchmark.hidden_of(s, wrong=True).values.values()] for s in range(600)])
+    # Standard deviations of 600 draws are known to 3 %: three of these.
+    assert np.std(off, axis=0) == pytest.approx([*benchmark._WITHIN.values()], rel=0.09)
+
+
+@pytest.mark.slow
+@benchmark_of("deck_trials")
+def test_what_a_deck_lacks_is_found_in_a_beam_of_another_code(benchmark, tmp_path):
+    """A damper at the tip: named, with the strength that the beam had."""
+    if shutil.which("ccx") is None:
+        pytest.skip("there is no CalculiX here (ccx): apt install calculix-ccx")
+    hidden = benchmark.Hidden("damper", 0.25, dict.fromkeys(benchmark._WITHIN, 1.0))
+    decays = benchmark.measured(hidden, seed=7)[1:]
+    report = rs.diagnose(benchmark.told(tmp_path), decays, free=[])
+    assert report.verdict == "named" and report.reduced.best.names == ("viscous",)
+    # Steps, meshes and shear differ: a hundredth of what was hidden.
+    assert report.force(0.0, 0.0, 1.0) == pytest.approx(-0.25, rel=0.01)
+    assert max(e.after for e in report.sensor_errors) < 3

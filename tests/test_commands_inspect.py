@@ -101,6 +101,47 @@ def test_the_command_that_comes_next_works(run, record, tmp_path):
     assert "The record" in page and re.search(r"mode 2 at 23\.[67]", page)
 
 
+def multisine(noise, duration=30.0):
+    """Times, response of an oscillator of 5 Hz and its input, tones of random phase: exact."""
+    t, rng = np.arange(0, duration, 1 / RATE), np.random.default_rng(3)
+    f = np.arange(2.0, 9.0, 0.1)
+    tones = np.exp(1j * (2 * np.pi * f * t[:, None] + rng.uniform(0, 2 * np.pi, len(f))))
+    s, pole = 2j * np.pi * f, -0.3 + 1j * np.sqrt((2 * np.pi * 5) ** 2 - 0.09)
+    steady = 1 / ((s - pole) * (s - np.conj(pole)))
+    q, v = ((tones @ (steady * s**k)).real for k in (0, 1))
+    # What makes it begin at rest: a free decay.
+    free = ((v[0] - np.conj(pole) * q[0]) / pole.imag / 1j * np.exp(pole * t)).real
+    x = q - free
+    return t, x + noise * x.std() * rng.standard_normal(len(t)), tones.sum(axis=1).real
+
+
+@pytest.mark.parametrize("header", ["t,a,b", "t,b,a", "t [s],x [m],ch2 [V]"])
+def test_an_input_without_a_name_is_no_free_decay(run, tmp_path, header):
+    """It was told as one, or nothing said how to name the input. The command finds both."""
+    t, x, u = multisine(0.01)
+    swapped = header == "t,b,a"  # what is sampled first may be the input
+    write(tmp_path / "d.csv", t, header, *((u, x) if swapped else (x, u)))
+    said = run("inspect", "d.csv").output
+    assert "it is forced or not a free decay: if a column is the input" in said
+    names = {"t,a,b": ("a", "b"), "t,b,a": ("a", "b")}.get(header, ("x", "ch2"))
+    step = f"romsindy identify d.csv --column {names[0]} --input-column {names[1]} --input force"
+    (line,) = (x for x in said.splitlines() if step in x)
+    chosen = run("inspect", "d.csv", "--column", names[0])
+    assert line in chosen.output
+    found = run(*shlex.split(line)[1:])
+    rows = dict(x.split()[:2] for x in found.output.splitlines() if x.startswith("  "))
+    assert float(rows["omega^2"]) == pytest.approx((2 * np.pi * 5) ** 2, rel=1e-3)
+    assert float(rows["c_linear"]) == pytest.approx(0.6, rel=0.02)
+
+
+def test_a_response_alone_is_no_free_decay(run, tmp_path):
+    t, x, _ = multisine(0.01)
+    write(tmp_path / "d.csv", t, "t [s],x [m]", x)
+    said = run("inspect", "d.csv").output
+    assert "it is forced or not a free decay: choose another channel" in said
+    assert "romsindy identify" not in said
+
+
 def test_one_mode_and_one_release_by_choice(run, record, tmp_path):
     for choice in (["--mode", 2], ["--band", 20, 28]):
         result = run("regress", "test.csv", *choice, "--release", 2, "--json", "-")

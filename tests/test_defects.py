@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from oracles import falling_decay, viscous_decay
 
+from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
 from romsindy.record.faults import dropouts, restored, spikes
-from romsindy.record.recording import Recording
+from romsindy.record.recording import Recording, lost_samples
 from romsindy.record.spectrum import NoiseLevel
 
 T = np.arange(8000) * 0.004  # 32 s at 250 Hz
@@ -159,6 +160,42 @@ def test_a_mode_near_the_mains_is_no_hum(frequency):
     recording, found = cleaned(X + mode)
     assert not found
     np.testing.assert_array_equal(recording.x[:, 0], X + mode)
+
+
+def ring(t):
+    return viscous_decay(t, 2 * np.pi * F, ZETA)
+
+
+@pytest.mark.parametrize("size", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("shape", ["standard_normal", "uniform"])
+def test_jitter_is_no_gap(size, shape):
+    """Times about an even grid, in their order; samples are those of the times, in closed form."""
+    rng, k = np.random.default_rng(2), np.arange(3000)
+    t = 0.01 * np.sort(k + size * getattr(rng, shape)(size=len(k)))
+    whole, found = clean(Recording(t, ring(t)))
+    assert {defect.kind for defect in found} == {"jitter"}
+    assert len(whole.pieces) == 1 and whole.dt == pytest.approx(0.01, rel=1e-3)
+    assert np.std(whole.x[:, 0] - ring(whole.t)) < 1e-3
+    # Where samples are missing as well, they are counted and found to a few.
+    k = k + (k >= 1000) + 5 * (k >= 2000)
+    t = 0.01 * (k + size * rng.uniform(-0.9, 0.9, len(k)))
+    lost = lost_samples(t)
+    assert lost.sum() == 6 and np.abs(np.flatnonzero(lost) - [999, 1999]).max() < 4
+
+
+@pytest.mark.parametrize(("rate", "digits"), [(300, 3), (640, 3), (700, 3), (999, 3), (2048, 4)])
+def test_times_of_few_digits_are_an_even_grid(rate, digits):
+    """The rate was that of the commonest step: 333 Hz of 300, 500 Hz of 640; 999 Hz had gaps."""
+    t = np.arange(6000) / rate
+    recording = Recording(np.round(t, digits), ring(t))
+    assert recording.dt == pytest.approx(1 / rate, rel=2e-4)
+    whole, found = clean(recording)
+    assert not {defect.kind for defect in found} & {"jitter", "missing", "gap"}
+    assert len(whole.pieces) == 1 and whole.dt == pytest.approx(1 / rate, rel=2e-4)
+    assert len(Decay(np.round(t, digits), ring(t)).notes) == 0
+    # One sample that is missing is seen, but beside steps that rounding made twice as long.
+    lost = lost_samples(np.round(np.delete(t, 2500), digits))
+    assert rate == 999 or list(np.flatnonzero(lost)) == [2499]
 
 
 def test_gaps_and_jitter():

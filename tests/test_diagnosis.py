@@ -26,7 +26,7 @@ from romsindy.diagnosis.evidence import FormError
 from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.screening import screen
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.effects import AirDrag
+from romsindy.effects import AirDrag, DryFriction
 from romsindy.effects.outside import Hum
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.shooting import shoot
@@ -266,6 +266,25 @@ def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
     assert [e.name for e in result.effects] == ["mains_hum", "linear_frequency"]
     assert result.moved == () and result.gap.after < 1.1
     assert result.effects[1].values["strength"] == pytest.approx(0.01 * OMEGA**2, rel=0.01)
+
+
+def test_what_is_unknown_has_a_next_test_where_no_cycles_tell_loud_from_quiet():
+    """Six cycles, none of which falls to half of the largest: there was no line at all."""
+    short = decay(1.0, force=lambda t, q, v: 200 * np.sin(12 * q), duration=1.2)
+    result = diagnose(MODEL, short, catalogue=[DryFriction()], max_effects=1)
+    assert result.verdict == "unknown" and result.gap.loud_and_quiet is None
+    assert result.sentence.splitlines()[-1] == (
+        "Next: the same release again would show whether it repeats."
+    )
+    assert json.loads(result.to_json())["next"]["action"] == "the same release again"
+
+
+def test_one_ambiguous_effect_has_a_next_test():
+    """No rival is left to be told apart from, as where a search was stopped."""
+    one = replace(report_of("cubic_stiffness"), verdict="ambiguous")
+    assert len(one.rivals) == 1 and one.next_test is None
+    advice = one.effects[0].advice
+    assert one.sentence.splitlines()[-1] == f"Next: to confirm it, {advice}."
 
 
 @pytest.mark.slow

@@ -299,6 +299,8 @@ def test_a_held_out_record_takes_no_part_and_tells():
     assert "held-out record" in report.pictures()["time"].caption
     other = rs.diagnose(model(), record(1), held_out=weaker, catalogue=FEW)
     assert other.verdict == "unknown" and other.gap.closed < 0.5
+    again = "Next: the same input again would show whether it repeats, and one of half the size "
+    assert other.sentence.splitlines()[-1].startswith(again)
 
 
 @pytest.mark.slow

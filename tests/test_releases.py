@@ -283,3 +283,20 @@ def test_background_is_told_of_what_decays():
     beats = viscous_decay(t, OMEGA, 0.003) + viscous_decay(t, 1.07 * OMEGA, 0.003)
     for x in (viscous_decay(t, OMEGA, 0.002), beats, np.cos(OMEGA * t)):
         assert background_of(x, 25) == 0
+
+
+@pytest.mark.parametrize("hum", [0.0, 0.03, 0.1])
+def test_hum_alone_is_no_release(hum):
+    """Held, let go, and stopped by dry friction: half cycles about +-mu, as the law has them.
+
+    The hold hums before it, and what has come to rest after it: each was a release.
+    """
+    f, mu, dt = 12.0, 0.03, 0.002
+    t = np.arange(0, 3.5, dt)
+    half = np.floor(2 * f * np.maximum(t - 1.5, 0))
+    size = np.maximum(1 - mu * (2 * half + 1), 0.0)
+    x = np.where(size > 0, size * np.cos(2 * np.pi * f * (t - 1.5)) + mu * (-1) ** half, 0.0)
+    x = np.where(t < 1.5, 1.0, x)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    releases = find_releases(Recording(t, x + hum * np.sin(2 * np.pi * 49.95 * t) + noise))
+    assert [round(r.start, 1) for r in releases] == [1.5]

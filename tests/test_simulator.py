@@ -5,6 +5,8 @@ found must be that law, in newtons, and the simulator with it must come down to 
 """
 
 import sys
+from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,6 +23,7 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import (
     chi_squared,
     left_of,
 )
+from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
 from romsindy.effects.base import Scales
@@ -355,24 +358,60 @@ def test_the_command_refuses_what_is_no_program(tmp_path, monkeypatch, options, 
 # -- what is missing, and the simulator with it ----------------------------------------------------
 
 
-def test_friction_is_named_and_put_into_the_simulator():
-    def friction(t, x, v):
-        return -FRICTION * np.tanh(v / 1e-4)
+ASKED: list[float] = []
 
+
+def friction(t, x, v):
+    return -FRICTION * np.tanh(v / 1e-4)
+
+
+@cache  # several tests look at the same diagnosis
+def rubbing():
+    def rubs(release, t, force=nothing):
+        ASKED.append(release)
+        return motion(release, t, force)
+
+    ASKED.clear()
     measured = record(0.03, 1, friction)
-    report = rs.diagnose(simulate, measured, catalogue=[DryFriction(), AirDrag()])
+    return rs.diagnose(rubs, measured, catalogue=[DryFriction(), AirDrag()])
+
+
+def test_friction_is_named_and_put_into_the_simulator():
+    report = rubbing()
     assert report.verdict == "named" and report.names == ("dry_friction",)
     assert report.force(0.0, 0.01, 0.2) == pytest.approx(-FRICTION, rel=0.01)
     (sensor,) = report.sensor_errors
     assert sensor.before > 20 and sensor.after < 1.1
     assert report.seen.scale.mass == pytest.approx(MASS, rel=1e-3)
-    assert "Added to simulate: the force" in report.sentence
+    assert "Added to rubs: the force" in report.sentence
     # The simulator with the code of the report follows another run, from elsewhere.
     there = motion(0.02, T, friction)
     space: dict = {}
     exec(report.force.code("py"), space)
     assert np.std(motion(0.02, T, space["force"]) - there) < 0.01 * np.std(there)
     assert np.std(motion(0.02, T, nothing) - there) > 0.1 * np.std(there)
+
+
+def test_what_the_simulator_was_asked_is_told():
+    """All that it was let go from, but for the one that was asked twice."""
+    sentence = rubbing().sentence
+    least, most = min(ASKED), max(ASKED)
+    said = f"Simulator: {len(ASKED) - 1} decays from {least:.3g} to {most:.3g} m; its equation of"
+    (line,) = (x for x in sentence.splitlines() if x.startswith("Simulator: "))
+    assert line.startswith(said) and line.endswith("was taken off.")
+
+
+def test_what_explains_nothing_is_in_no_recipe():
+    """The sentence told that nothing explains it, and the recipe what the simulator lacks."""
+    reduced = replace(rubbing().reduced, verdict="unknown")
+    no_nearer = replace(reduced, gap=reduced.gap.unchanged())
+    report = replace(rubbing(), reduced=no_nearer, parts=())
+    assert "Missing: nothing in the catalogue explains it.\n" in report.sentence
+    assert "friction" not in report.sentence and "Not added" not in report.sentence
+    assert report.force is None and "friction" not in report.recipe
+    assert report.recipe.startswith("the simulator as it was: nothing in the catalogue explains")
+    assert Outcome(no_nearer, rubbing().parts, []).or_before(["before"])[1:3] == ((), ["before"])
+    assert Outcome(reduced, rubbing().parts, []).or_before(["before"]).parts == rubbing().parts
 
 
 @pytest.mark.slow
@@ -411,8 +450,8 @@ def test_nothing_is_added_that_makes_a_simulator_worse():
     report = rs.diagnose(simulate, measured, catalogue=[AirDrag()])
     (sensor,) = report.sensor_errors
     assert report.verdict == "unknown" and sensor.after <= sensor.before
-    assert report.force is None and "Added to" not in report.sentence
-    assert "comes no nearer to the records" in report.sentence
+    assert report.force is None and "dded to" not in report.sentence
+    assert "Next: " in report.sentence and "not in the simulator" not in report.recipe
 
 
 @pytest.mark.slow

@@ -231,6 +231,25 @@ def test_terms_are_chosen_by_levels_that_take_no_part(duffing):
     assert fit.model.unit == "m" and fit.verdict.explained
 
 
+def test_drag_is_chosen_without_a_noise_level():
+    """28 points of four levels: what noise leaves was a force in the choice, and hid a fifth of
+    the damping, ten standard errors of it."""
+    own = dict(c=0.0102, k=1.0, g=0.05, d=0.00082)
+    points = []
+    for f in np.geomspace(0.012, 0.03, 4):
+        per_square = 8 / (3 * np.pi) * own["d"]  # f = c a + this a^2 in resonance
+        top = (np.sqrt(own["c"] ** 2 + 4 * per_square * f) - own["c"]) / (2 * per_square)
+        w, q, _ = oracle.curve(np.linspace(0.25, 0.95, 4) * top, f, **own, within=(0.3, 2.5))
+        points.append(np.array([w, 0 * w + f, q])[:, np.argsort(w)])
+    w, f, q = np.concatenate(points, axis=1)
+    w, f = w.real, f.real
+    assert len(w) == 28
+    fits = [rs.fit_steady(None, w, f, q + noise_of(0.0127, len(w), seed)) for seed in range(4)]
+    assert all(fit.verdict.explained for fit in fits)
+    found = ["c_quadratic" in fit.model.coefficients for fit in fits]
+    assert sum(found) >= 3  # one may have the cube of the speed, and say that it hardly tells
+
+
 @pytest.mark.slow
 def test_errors_count_terms_that_the_points_hardly_tell():
     """A weak drag and a weak spring beside noise: other powers do nearly the same."""

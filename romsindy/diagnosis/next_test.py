@@ -158,9 +158,8 @@ class MoreOfIt:
 
     test: Experiment
     action: str  # what to do, in words
-    loud: float  # what is left over the noise above an amplitude, see `Gap.loud_and_quiet`
-    quiet: float  # the same below it
-    half: str  # that amplitude, with its unit
+    left: LoudAndQuiet | None = None  # None where no cycles tell loud from quiet
+    half: str = ""  # the amplitude between them, with its unit
     odds: None = None  # between what was refused mean nothing
     rivals: tuple[str, ...] = ()
 
@@ -173,22 +172,26 @@ class MoreOfIt:
     def sentence(self) -> str:
         """The advice in words, to follow "Next: "."""
         aim = "whether it repeats" if self.test == AGAIN else "more of what is missing"
-        sizes = f"{two_digits(self.loud)} times the noise above {self.half}"
+        if self.left is None:
+            return f"{self.action} would show {aim}."
+        loud, quiet = (two_digits(x) for x in self.left[:2])
         return (
-            f"{self.action} would show {aim}: what is left is {sizes},"
-            f" {two_digits(self.quiet)} times below."
+            f"{self.action} would show {aim}: what is left is {loud} times the noise above"
+            f" {self.half}, {quiet} times below."
         )
 
 
-def more_of_it(left: LoudAndQuiet, largest: float, shown: Shown) -> MoreOfIt:
+def more_of_it(left: LoudAndQuiet | None, largest: float, shown: Shown) -> MoreOfIt:
     """Whether a larger amplitude, a longer record or the same again shows more of what is left.
 
     ``largest`` is the largest amplitude so far.
     """
+    if left is None:
+        return MoreOfIt(AGAIN, AGAIN.words)
     loud, quiet, half = left
     test = LARGER if loud > _GROWS * quiet else LONGER if quiet > _GROWS * loud else AGAIN
     action = test.words.format(amplitude=shown.told(abs(test.amplitude) * largest))
-    return MoreOfIt(test, action, loud, quiet, shown.told(half))
+    return MoreOfIt(test, action, left, shown.told(half))
 
 
 @dataclass(frozen=True)

@@ -148,8 +148,9 @@ class Explained(Written):
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            nearer = self._nearer(closes) if found and self._sure else ""
-            return f"{nothing}; the nearest is {found}. {nearer}{also}" if nearer else f"{nothing}."
+            if self.refused:
+                return f"{nothing}."
+            return f"{nothing}; the nearest is {found}. {self._nearer(closes)}{also}"
         other = self.next_best
         odds = ""
         if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
@@ -172,6 +173,13 @@ class Explained(Written):
         return f"{found}{odds}. {self._closing(closes)}{self._small}{also}"
 
     @property
+    def refused(self) -> bool:
+        """Whether nothing explains the data, and nothing surely comes nearer to them."""
+        if self.verdict != "unknown":
+            return False
+        return not (self.effects and self._sure and self._nearer(""))
+
+    @property
     def _sure(self) -> bool:
         """Whether what is told is surely there."""
         return self.best.sureness >= NAMED_ABOVE * self.best.growth(self.remainder.ratio)
@@ -187,7 +195,7 @@ class Explained(Written):
 
     def table(self) -> list[list[str]]:
         rows = [list(TABLE_HEAD)]
-        if self.verdict == "unknown" and not self._sure:
+        if self.refused:
             return rows
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
@@ -365,8 +373,8 @@ class DiagnosisReport(BesideDecays, Explained):
         Where nothing explains the data, that which shows more of what is missing.
         """
         if self.verdict == "unknown":
-            left, largest = self.gap.loud_and_quiet, max(r.amplitude for r in self.records)
-            return None if left is None else more_of_it(left, largest, self.gap.shown)
+            largest = max(r.amplitude for r in self.records)
+            return more_of_it(self.gap.loud_and_quiet, largest, self.gap.shown)
         return self.advised()
 
     def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
@@ -402,7 +410,8 @@ class DiagnosisReport(BesideDecays, Explained):
     def opening(self) -> str:
         """Whether simulation and records differ, and by how much: the first line."""
         line = words.difference(self.differences, self.tolerance, self.gap.shown)
-        if self.best.names and self.verdict != "none" and not (self._differ or self.small):
+        told = self.best.names and self.verdict != "none" and not self.refused
+        if told and not (self._differ or self.small):
             line += words.single_swings(self._log_odds(self.base))
         return line
 

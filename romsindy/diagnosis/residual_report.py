@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 from scipy.signal import welch
@@ -187,7 +187,15 @@ class ResidualReport(Explained):
 
     @property
     def _next(self) -> list[str]:
-        """What would confirm the one that is left, or tell apart the first two of several."""
+        """What would confirm the one that is left, or tell apart the first two of several.
+
+        Where nothing explains the records, what shows whether that is a property of the structure.
+        """
+        if self.verdict == "unknown":
+            return [
+                f"Next: the same {self._test} again would show whether it repeats, and one of half"
+                " the size whether it grows with the amplitude."
+            ]
         if self.verdict == "named" and self.effects:
             return [f"Next: {words.confirming(self.effects)}"]
         if self.verdict != "ambiguous":
@@ -206,6 +214,8 @@ class ResidualReport(Explained):
                 f" in {where}); {beside}"
             ]
         return [f"Next: in {where} the first two, as they were fitted, differ by {how_far}."]
+
+    _test: ClassVar[str]  # what made a record
 
     @property
     def level(self) -> InputLevel | None:
@@ -276,6 +286,7 @@ class ForcedReport(ResidualReport):
 
     nominal: ReducedModel
     model: ReducedModel
+    _test = "input"
 
     @property
     def _more_than_noise(self) -> str:
@@ -303,6 +314,7 @@ class CoupledDiagnosis(ResidualReport):
 
     nominal: CoupledModel
     model: CoupledModel
+    _test = "release"
 
     @property
     def _more_than_noise(self) -> str:

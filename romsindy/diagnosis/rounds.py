@@ -47,6 +47,10 @@ class Outcome(NamedTuple):
     corrected: list[Corrected]
     trouble: str = ""
 
+    def or_before(self, before: list[Corrected]) -> Outcome:
+        """The same, or the structure as it was ``before`` where nothing explains the records."""
+        return self._replace(parts=(), corrected=before) if self.report.refused else self
+
 
 @dataclass(eq=False)
 class Rounds:

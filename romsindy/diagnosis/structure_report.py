@@ -84,7 +84,12 @@ class StructureReport(Written):
 
     @property
     def not_there(self) -> tuple[str, ...]:
-        """Effects of the best hypothesis that nothing on the structure stands for."""
+        """Effects of the best hypothesis that nothing on the structure stands for.
+
+        Of what explains nothing, none is told.
+        """
+        if self.reduced.refused:
+            return ()
         there = {p.effect.name for p in self.parts}
         return tuple(e.label for e in self.effects if e.name not in there)
 

@@ -12,8 +12,9 @@ from romsindy.inspection.modes import Mode, modes_of
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect, clean
 from romsindy.record.isolation import ENOUGH_SAMPLES, isolated, together
+from romsindy.record.prediction import slowest_frequency, unexplained
 from romsindy.record.recording import Recording
-from romsindy.record.releases import Discarded, Release
+from romsindy.record.releases import FORCED, Discarded, Release
 from romsindy.record.signals import rest_level
 from romsindy.record.vibrations import Resonance, Vibration, dominant, find_vibrations, resonances
 from romsindy.text import listed, quantity
@@ -291,7 +292,31 @@ class Findings:
     def _remedy(self) -> str:
         if self.recording.driven:
             return "give the input to `romsindy identify --input` or rs.load_forced"
-        return "choose another channel, cut the record with start= and end=, or record longer"
+        remedy = "choose another channel, cut the record with start= and end=, or record longer"
+        if not self.may_drive:
+            return remedy
+        return f"if a column is the input, name it with input_column=; else {remedy}"
+
+    @property
+    def may_drive(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of columns that may be response and input, where what was left out seems forced."""
+        if self.releases or not any(FORCED in part.reason for part in self.discarded):
+            return ()
+        beside = (name for name in self.recording.names if name != self.channel)
+        left_out = ((self.channel, name) for name in self.recording.left_out)
+        return (*left_out, *map(self._driven_first, beside))
+
+    def _driven_first(self, other: str) -> tuple[str, str]:
+        """The channel and another one, that first which the other foretells better."""
+        names = (self.channel, other)
+        x = self.cleaned.channel(*names).x
+        x = x[np.isfinite(x).all(axis=1)].T
+        frequency = slowest_frequency(x[0], self.cleaned.dt, 0)
+        if frequency is None:
+            return names
+        period = 1 / (frequency * self.cleaned.dt)
+        backwards = unexplained(x[1], x[0], period) < unexplained(x[0], x[1], period)
+        return names[::-1] if backwards else names
 
     def release_signal(self, number: int) -> tuple[Array, Array]:
         """Times in s and cleaned samples of release ``number``, from 0, in the channel."""

@@ -168,7 +168,10 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     """
     ringing = [m for m in found.modes if not m.steady]
     if found.recording.driven:
-        yield _driven_step(found, command)
+        kinds = [drive.kind for drive in found.recording.drives if drive.lasting]
+        yield _driven_step(found, command, kinds, found.channel * (len(found.recording.names) > 1))
+    for response, column in found.may_drive[:_MOST_STEPS]:
+        yield _driven_step(found, command, ["force"], response, column)
     if not ringing:
         return
     main, channels = found.dominant, found.recording.names
@@ -195,14 +198,24 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
         yield from calls
 
 
-def _driven_step(found: Findings, command: str) -> str:
-    """How a record that is driven is identified with its inputs."""
-    kinds = [drive.kind for drive in found.recording.drives if drive.lasting]
+def _driven_step(
+    found: Findings,
+    command: str,
+    kinds: Sequence[str],
+    response: str,
+    column: str = "",
+) -> str:
+    """How a record that is driven is identified with its inputs, or with a ``column`` as that."""
+    response = "" if " --column " in command else response  # it is chosen
+    named = {"column": response, "input_column": column}
+    given = {name: value for name, value in named.items() if value}
     if command:
-        inputs = "".join(f" --input {kind}" for kind in kinds)
-        alone = f" --column {shlex.quote(found.channel)}" * (len(found.recording.names) > 1)
-        return f"{command}{alone}{inputs} --select"
-    return f"rs.identify(rs.load_forced({found.recording.source!r}, {input_names(kinds)}))"
+        options = {name.replace("_", "-"): shlex.quote(value) for name, value in given.items()}
+        inputs = [("input", kind) for kind in kinds]
+        told = "".join(f" --{name} {value}" for name, value in (*options.items(), *inputs))
+        return f"{command}{told} --select"
+    more = "".join(f", {name}={value!r}" for name, value in given.items())
+    return f"rs.identify(rs.load_forced({found.recording.source!r}, {input_names(kinds)}{more}))"
 
 
 # -- rows ---------------------------------------------------------------------------------------

@@ -122,8 +122,7 @@ def _when(start: float, end: float) -> str:
 
 def _whole(recording: Recording) -> Recording:
     """The samples that short gaps leave out are there, as NaN."""
-    lost = np.round(np.diff(recording.t) / recording.dt).astype(int) - 1
-    lost[(lost < 1) | (lost > _BRIDGED)] = 0
+    lost = np.where(recording.lost > _BRIDGED, 0, recording.lost)
     index = np.arange(len(recording.t)) + np.concatenate([[0], np.cumsum(lost)])
     t = np.interp(np.arange(index[-1] + 1), index, recording.t)
     x = np.full((len(t), recording.x.shape[1]), np.nan)

@@ -15,7 +15,7 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from scipy.signal import periodogram
 
 from romsindy.record.faults import filled
-from romsindy.record.signals import Mask, moving_mean, vertex
+from romsindy.record.signals import MAINS, STRAY, Mask, moving_mean, vertex
 from romsindy.record.spectrum import noise_std, round_about, standing_out
 from romsindy.typing import Array, Indices
 
@@ -48,8 +48,7 @@ _PIECES, _STEADY, _MAINS_STEADY = 4, 0.05, 0.5
 _MOST = 24
 # Of the rms of the later half: a line below does nothing.
 _FAINT = 1e-3
-# Fundamental frequencies of mains and how far they stray, Hz; and harmonics that are looked for.
-_MAINS, _STRAY, _HARMONICS = (50.0, 60.0), 0.2, 12
+_HARMONICS = 12  # of the mains that are looked for
 
 
 def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
@@ -160,9 +159,9 @@ class SteadyLine:
     @property
     def mains(self) -> float:
         """Fundamental frequency of the mains that it belongs to, 0 if none."""
-        for f in _MAINS:
+        for f in MAINS:
             order = round(self.frequency / f)
-            if 0 < order <= _HARMONICS and abs(self.frequency - order * f) < _STRAY * order:
+            if 0 < order <= _HARMONICS and abs(self.frequency - order * f) < STRAY * order:
                 return f
         return 0.0
 
@@ -197,7 +196,7 @@ def steady_lines(x: Array, dt: float) -> tuple[SteadyLine, ...]:
 
 def hidden_mains(lines: Sequence[SteadyLine]) -> float:
     """Fundamental, Hz, of mains whose harmonics are heard without it; 0 where there is none."""
-    for f in _MAINS:
+    for f in MAINS:
         orders = {round(line.frequency / f): line.frequency for line in lines if line.mains == f}
         if len(orders) > 1 and 1 not in orders:
             return float(np.mean([frequency / order for order, frequency in orders.items()]))

@@ -191,6 +191,18 @@ def unpredicted(x: Array, period: float, cycles: float) -> float:
     return float(np.median(np.abs(left)) / np.median(np.abs(future)))
 
 
+def unexplained(y: Array, u: Array, period: float) -> float:
+    """Part of y (n,) that its past, half a cycle ago, and an input u (n,) until now leave."""
+    step = max(int(period / _PER_CYCLE), 1)
+    y, u = (resample_poly(x - x.mean(), 1, step, padtype="line") for x in (y, u))
+    ahead = max(int(_AHEAD * period / step), 1)
+    rows = sliding_window_view(y, _ORDER)[:-ahead]
+    rows = np.concatenate([rows, sliding_window_view(u, _ORDER + ahead)], axis=1)
+    now = y[len(y) - len(rows) :]
+    left = now - rows @ np.linalg.lstsq(rows, now)[0]
+    return float(np.std(left) / np.std(now))
+
+
 def _certain(runs: Indices, part: Array, window: int) -> Indices:
     """Runs of intervals, (n, 2), but for those that may be due to another one.
 

@@ -15,18 +15,23 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
+from scipy.ndimage import maximum_filter1d
 
 from romsindy.text import counted
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
 _ROUNDING = 1e-4
 Quantity = Literal["displacement", "velocity", "acceleration"]
 QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
-# Of the usual step: a longer one is a gap.
-GAP = 1.5
+# Of the usual step: a longer one is a gap, where the times after it stay late by the rest of it.
+# Where they jitter, medians of up to so many of them tell: so many times the spread squared.
+_GAP, _MOST_TIMES, _TIMES = 1.5, 64, 300
+# Longer steps than so many that an even grid explains to this part of the last digit are rounded.
+_FEW_STEPS, _OF_A_DIGIT, _DIGITS = 4, 0.75, 9
 
 
 def as_floats(name: str, x: ArrayLike) -> Array:
@@ -81,13 +86,45 @@ def uniform_times(t: Array) -> tuple[Array, str]:
     """
     uniform = np.linspace(t[0], t[-1], len(t))
     jitter = np.abs(t - uniform) / (uniform[1] - uniform[0])
-    if jitter.max() <= _ROUNDING:
+    if jitter.max() <= _ROUNDING or _only_rounded(t):
         return uniform, ""
     rms = np.sqrt(np.mean(jitter**2))
     return uniform, (
         f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
         f" at most {jitter.max():.2g}; resampled uniformly"
     )
+
+
+def _only_rounded(t: Array) -> bool:
+    """Whether times (n,) are those of an even grid but for digits that were left out."""
+    scaled = (10.0**d * t for d in range(_DIGITS + 1))
+    whole = next((s for s in scaled if np.all(np.abs(s - np.rint(s)) < 1e-3)), None)
+    if whole is None:
+        return False
+    k = np.arange(len(t)) - (len(t) - 1) / 2
+    off = whole - whole.mean() - k * (k @ whole) / (k @ k)
+    return bool(np.abs(off).max() <= _OF_A_DIGIT)
+
+
+def lost_samples(t: Array) -> Indices:
+    """How many samples are missing after each time but the last, (n - 1,).
+
+    None are where times jitter about an even grid, or have few digits: the times after a long step
+    are late for good where samples are missing.
+    """
+    steps = np.diff(t)
+    low, usual, high = np.quantile(steps, [0.25, 0.5, 0.75])
+    spread = (high - low) / 1.35 / usual  # of a normal distribution
+    m = int(np.clip(np.ceil(_TIMES * spread**2), 1, min(_MOST_TIMES, len(t) // 8)))
+    usual = float(np.median(t[m:] - t[:-m])) / m
+    off = t / usual - np.arange(len(t))  # in steps of an even grid
+    level = off if m == 1 else np.median(sliding_window_view(off, m), axis=1)
+    late = np.pad(level[m:] - level[:-m], m - 1, mode="edge")
+    long = (steps > _GAP * usual) & (late > _GAP - 1)
+    long &= steps >= maximum_filter1d(steps, m)  # of what one gap makes late, the gap
+    if np.count_nonzero(long) > _FEW_STEPS and _only_rounded(t):
+        return np.zeros(len(steps), int)
+    return np.where(long, np.maximum(np.rint(late), 1), 0).astype(int)
 
 
 def held_on_uniform_times(
@@ -160,10 +197,10 @@ def checked_time(t: ArrayLike) -> Array:
     t = enough_times(t)
     _refuse_nan("t", t)
     require_increasing(t)
-    steps = np.diff(t)
-    usual = float(np.median(steps))
-    if steps.max() > 1.5 * usual:
-        i = int(np.argmax(steps))
+    lost = lost_samples(t)
+    if lost.any():
+        steps, i = np.diff(t), int(np.argmax(lost))
+        usual = float(np.median(steps))
         raise ValueError(
             f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
             " the record there and pass the pieces as a list, keep one with start= or end=, or"
@@ -316,6 +353,8 @@ class Recording:
         What was done to the record, for the reader.
     drives : tuple of RecordedInput
         Inputs that were measured with it.
+    left_out : tuple of str
+        Names of further columns of the file.
 
     Raises
     ------
@@ -338,6 +377,7 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = ()
     drives: tuple[RecordedInput, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         t, x = enough_times(self.t), as_floats("x", self.x)
@@ -353,13 +393,17 @@ class Recording:
         for name, value in {"t": t, "x": x, "names": names}.items():
             object.__setattr__(self, name, value)
 
-    @property
+    @cached_property
+    def lost(self) -> Indices:
+        """Samples that are missing after each but the last, (n - 1,)."""
+        return lost_samples(self.t)
+
+    @cached_property
     def dt(self) -> float:
-        """Usual sampling interval, s."""
-        usual = float(np.median(np.diff(self.t)))
-        mean = float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
-        # Digits of times are rounded: the mean is exact, but counts gaps.
-        return mean if abs(mean - usual) < 0.01 * usual else usual
+        """Sampling interval, s: the mean between gaps, for times may be rounded."""
+        inside = self.lost == 0
+        steps = np.diff(self.t)
+        return float(steps[inside].mean() if inside.any() else np.median(steps))
 
     @property
     def signal_unit(self) -> str:
@@ -374,7 +418,7 @@ class Recording:
     @cached_property
     def pieces(self) -> list[slice]:
         """Samples between gaps in time."""
-        ends = np.flatnonzero(np.diff(self.t) > GAP * self.dt) + 1
+        ends = np.flatnonzero(self.lost) + 1
         edges = [0, *ends.tolist(), len(self.t)]
         return [slice(a, b) for a, b in itertools.pairwise(edges)]
 

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency, unpredicted
 from romsindy.record.recording import QUANTITIES, Recording
-from romsindy.record.signals import runs
+from romsindy.record.signals import runs, without_hum
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
@@ -41,6 +41,10 @@ _BLOCKS, _QUIETEST = 8, np.arange(0.95, 0.05, -0.01)
 _STEADY, _UP_AND_DOWN, _SLOWER = 0.02, 2.0, 0.3
 # And this part of it, at least, is not predicted: what decays freely is, beats and all.
 _UNPREDICTED = 0.75
+# A vibration that swings higher again by this factor, to this part of its largest, is driven where
+# this part of it, beside twice the noise, is not predicted: nonlinear beats are, to 0.15.
+_RISES, _NEAR, _DRIVEN = 1.35, 0.5, 0.2
+FORCED = "it is forced or not a free decay"
 
 
 def amplitude_of(x: Array, period: float, noise: float) -> Array:
@@ -123,8 +127,7 @@ def first_swing(swing: Array, period: float, noise: float, derivative: int, leas
 def pushed_again(amplitude: Array, period: float, noise: float) -> int | None:
     """Sample where a decay begins to grow faster than beating does; None where it does not."""
     step = max(int(_SMOOTH * period), 1)
-    size = np.maximum.reduceat(amplitude, np.arange(0, len(amplitude), step))
-    later = np.maximum.accumulate(size[::-1])[::-1]
+    size, later = _sizes(amplitude, step)
     floor = max(noise, NOTHING * float(size.max()), np.finfo(float).tiny)
     low = int(np.argmax(later / np.maximum(size, floor)))
     high = low + int(np.argmax(size[low:]))
@@ -135,7 +138,30 @@ def pushed_again(amplitude: Array, period: float, noise: float) -> int | None:
     return low * step if rise < _FASTER * fall else None
 
 
-def refusal(t: Array, swing: Array, amplitude: Array, start: int, period: float) -> str | None:
+def _sizes(amplitude: Array, step: int) -> tuple[Array, Array]:
+    """The largest amplitude of every so many samples, and of all from there on."""
+    size = np.maximum.reduceat(amplitude, np.arange(0, len(amplitude), step))
+    return size, np.maximum.accumulate(size[::-1])[::-1]
+
+
+def _driven(swing: Array, amplitude: Array, period: float, noise: float) -> str | None:
+    """That a vibration swings higher again as its own past does not foretell; None if not so."""
+    size, later = _sizes(amplitude, max(int(_SMOOTH * period), 1))
+    if len(size) < _BLOCKS:
+        return None
+    low = int(np.argmax(later / np.maximum(size, LOUD * noise + NOTHING * size.max())))
+    most = _RISES * max(float(size[low]), LOUD * noise)
+    if later[low] < max(most, _NEAR * size.max()):
+        return None
+    white = noise_std(swing) / float(np.std(swing))
+    if unpredicted(swing, period, _SMOOTH) < _DRIVEN + 2 * white:
+        return None
+    return f"the amplitude falls and grows again, which its own past does not foretell: {FORCED}"
+
+
+def refusal(
+    t: Array, swing: Array, amplitude: Array, start: int, period: float, noise: float
+) -> str | None:
     """Why this is no free decay; None if it is one."""
     # Many large strokes before the largest one, and fewer after it, are no free decay.
     size = np.abs(swing)
@@ -147,7 +173,7 @@ def refusal(t: Array, swing: Array, amplitude: Array, start: int, period: float)
     if largest > CYCLES_AT_LEAST * period and before >= 6 and before > after:
         return (
             f"{before // 2} cycles come before the largest amplitude (at {t[largest]:.4g} s),"
-            f" {after // 2} after it: the record grows, so it is forced or not a free decay"
+            f" {after // 2} after it: the record grows, so {FORCED}"
         )
     cycles = (len(swing) - start) / period
     if cycles < CYCLES_AT_LEAST:
@@ -161,8 +187,8 @@ def refusal(t: Array, swing: Array, amplitude: Array, start: int, period: float)
     size = np.log(np.maximum(size, NOTHING * size.max()))  # where noise was taken off is nothing
     growth = np.polyfit(np.linspace(0, 1, len(size)), size, 1)[0]
     if growth > 0.05:
-        return f"the amplitude grows by {np.expm1(growth):.0%}: it is forced or not a free decay"
-    return None
+        return f"the amplitude grows by {np.expm1(growth):.0%}: {FORCED}"
+    return _driven(swing[start:], amplitude[start:], period, noise)
 
 
 def onset(
@@ -364,6 +390,10 @@ def _decays(
 ) -> Iterator[Release | Discarded]:
     """The free decays of a stretch, and what lies before, between and after them."""
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
+    if np.ptp(x) < _LARGE * (
+        np.nanmax(channel) - np.nanmin(channel)
+    ):  # a hold, or where friction has stopped it
+        x = without_hum(x, recording.dt)
     amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
     loud = runs(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
@@ -393,7 +423,7 @@ def _decays(
         for half in halves:
             yield from _decays(recording, channel, half, period, noise)
         return
-    refused = refusal(t, swing, amplitude[:stop], start, period)
+    refused = refusal(t, swing, amplitude[:stop], start, period, noise)
     if refused:
         yield Discarded(float(t[0]), float(t[-1]), refused)
         return

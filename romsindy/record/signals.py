@@ -14,6 +14,8 @@ from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfil
 from romsindy.typing import Array, Indices
 
 Mask = NDArray[np.bool_]
+# Fundamental frequencies of mains and how far they stray, Hz.
+MAINS, STRAY = (50.0, 60.0), 0.2
 
 
 def runs(mask: Mask) -> list[slice]:
@@ -255,3 +257,16 @@ def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
     degree = min(3, len(t) - 1)
     knots = np.concatenate([[t[0]] * (degree + 1), inner, [t[-1]] * (degree + 1)])
     return make_lsq_spline(t, x, knots, k=degree)(np.clip(at, t[0], t[-1]))
+
+
+def without_hum(x: Array, dt: float) -> Array:
+    """A stretch (n,) without the fundamental of the mains, where that is most of it."""
+    t = dt * (np.arange(len(x)) - len(x) / 2)
+    strays = np.linspace(-STRAY, STRAY, int(STRAY * len(x) * dt * 16) + 3)
+    tones = (f + stray for f in MAINS for stray in strays)
+    f = max(tones, key=lambda f: abs(x @ np.exp(-2j * np.pi * f * t)))
+    wave = np.exp(2j * np.pi * f * t)
+    # Between two of these frequencies it turns and changes a little.
+    waves = np.stack([wave.real, wave.imag, t * wave.real, t * wave.imag], axis=1)
+    left = x - waves @ np.linalg.lstsq(waves, x - x.mean())[0]
+    return left if np.var(left) < 0.5 * np.var(x) else x

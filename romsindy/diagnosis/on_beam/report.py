@@ -132,9 +132,10 @@ class BeamReport(StructureReport):
         lines += map(self._placed, self.reduced.lines(self._left, self.next_test))
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
-        elif self.not_there and self.verdict != "unknown":  # what is refused is on no beam
+        elif self.not_there:
             lines.append(f"Not on the improved beam: {', '.join(self.not_there)}.")
-        place = None if self.trouble or self.family else self.place
+        untold = self.trouble or self.family or self.reduced.refused
+        place = None if untold else self.place
         if place is not None and not (place.told or place.strengths):
             lines.append(f"Place: {place}.")
         moved = [e for e in self.reduced.within if e.label != ParameterDirection.label]

@@ -118,7 +118,7 @@ def diagnose_beam(
     slack = Latitude.of(seen, doubtful, damping, position_gains(seen, off or 0.0))
     first = rounds.run(effects, *rounds.near_the_records(effects, before))
     found, place = rounds.over_all_sensors(first, effects_at, slack)
-    found = found._replace(report=rounds.no_less(found.report))
+    found = found._replace(report=rounds.no_less(found.report)).or_before(before)
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))

@@ -50,6 +50,8 @@ class SimulatorReport(StructureReport):
         if self.force is not None:
             lines.append(f"force(t, x, v) = {self.force}")
         lines += [f"not in the simulator: {label}" for label in self.not_there]
+        if self.reduced.refused:
+            lines.append("the simulator as it was: nothing in the catalogue explains the records")
         if not lines or self.not_there:
             lines.append(f"equation: {self.reduced.model}")
         return "\n".join(lines)
@@ -97,7 +99,7 @@ class SimulatorReport(StructureReport):
     @property
     def _asked(self) -> str:
         """What the simulator was asked for."""
-        releases = [abs(r) for r, _ in self.seen.released]
+        releases = [abs(a.release) for a in self.seen.simulator.computed]
         unit = self.reduced.nominal.unit or "[q]"
         least, most = (f"{x:.3g}" for x in (min(releases), max(releases)))
         reach = f"from {most}" if least == most else f"from {least} to {most}"

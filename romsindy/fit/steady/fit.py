@@ -252,7 +252,7 @@ def fit_steady(
     if model is None:
         if fixed:
             raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
-        model, slope = _choose(points, unit, gain, slope, phase)
+        model, slope = _choose(points, std is not None, unit, gain, slope, phase)
     free = _free(model, fixed)
     if gain is None:
         _require_lags(points)
@@ -381,6 +381,7 @@ def _covariance(points: SteadyPoints, solution: SteadySolution, together: float)
 
 def _choose(
     points: SteadyPoints,
+    given: bool,
     unit: str | None,
     gain: float | None,
     slope: float | None,
@@ -389,15 +390,19 @@ def _choose(
     """Terms to fit, and the slope of the chain: None where it is to be fitted.
 
     Every level of force is left out in turn; where there are fewer than three, every fifth of the
-    points by amplitude.
+    points by amplitude. Where the noise of the response is not ``given``, points count by that
+    which a choice leaves: as a force it would hide a damping that few points at resonance tell.
     """
-    chosen = {_LINEAR.key}
+    chosen, as_given = {_LINEAR.key}, points
     for _ in range(_ROUNDS):
         terms = [_ALWAYS, *(law for law in _LAWS if law.key in chosen)]
         start = (float(np.median(points.frequency) ** 2), *np.zeros(len(terms) - 1))
         model = ReducedModel(tuple(terms), start, unit)
         now = 0.0 if slope is None and "slope" not in chosen else slope
-        found = solve(points, model, tuple(model.coefficients), gain, now, phase)
+        found = solve(as_given, model, tuple(model.coefficients), gain, now, phase)
+        if not given:
+            points = with_spread(as_given, found)
+            found = solve(points, model, tuple(model.coefficients), gain, now, phase)
         every = _every_choice(points, found, slope is None)
         best = {every.name(g) for g in every.trials.chosen(every.present)}
         if best == chosen:

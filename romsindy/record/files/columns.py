@@ -48,6 +48,7 @@ class Column:
     # has a code for it
     said: Quantity | None = None
     t: Array | None = None  # (n,), times in s, where the kind of file gives every channel its own
+    counted: bool = False  # whether a letter counts columns, such as "a" beside "b"
     damage: str = ""  # where a value is missing in the file, and the remedy
 
     @property
@@ -67,7 +68,7 @@ class Column:
         """What it measures as unit, code or name have it; None where nothing says it."""
         if self.unit in UNITS:
             return UNITS[self.unit].quantity
-        return self.said or _quantity_of_name(self.name)
+        return self.said or (None if self.counted else _quantity_of_name(self.name))
 
     @property
     def basis(self) -> str:

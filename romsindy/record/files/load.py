@@ -92,7 +92,7 @@ def load_recording(
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
-        return replace(part, drives=_drives(choice, start, end))
+        return replace(part, drives=_drives(choice, start, end, part.dt))
 
 
 def load_decay(
@@ -262,6 +262,7 @@ class _Measured(NamedTuple):
     notes: tuple[str, ...]
     doubt: str
     inputs: list[tuple[str, Column]]  # each with its kind
+    rest: list[Column]  # of other columns
 
 
 def _choice(
@@ -295,7 +296,9 @@ def _choice(
     notes = (*table.notes, *(c.damage for c in chosen), note, told)
     wanted = wanted or chosen[0].quantity or "displacement"
     inputs = [(kind, c) for kind, c in inputs if len(c.values) == len(t)]
-    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
+    rest = choose.signals_of(table, None)
+    rest = [c for c in rest if c not in (*chosen, *pushing) and c.name != time]
+    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs, rest)
 
 
 def _names(column: str | Sequence[str] | None) -> list[str] | None:
@@ -328,12 +331,15 @@ def _recording(
         raise ValueError(f"columns {dead} hold no number: choose another one with column=")
     basis = _basis(columns[0], unit, quantity)
     base = units[0][0]
-    return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+    given = (choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+    return Recording(*given, left_out=tuple(c.name for c in choice.rest))
 
 
-def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
+def _drives(
+    choice: _Measured, start: float | None, end: float | None, dt: float
+) -> tuple[RecordedInput, ...]:
     """What the inputs beside a recording do within it."""
-    part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
+    part = part_between(choice.t, start, end)
     return tuple(recorded_input(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
