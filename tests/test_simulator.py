@@ -555,3 +555,15 @@ def test_a_value_without_tolerance_is_told_where_others_leave_more_than_noise():
     (effect,) = report.effects
     assert abs(effect.values["strength"] - 0.056) < 3 * effect.standard_errors["strength"] < 0.006
     assert max(e.after for e in report.sensor_errors) < 1.1
+
+
+def test_a_simulator_of_other_units_is_told_by_its_frequency():
+    """Newtons per millimetre that stand for newtons per metre: 32 times as fast."""
+
+    def stiff(release, t, force=nothing):
+        return motion(release, t, force, 1000 * STIFFNESS)
+
+    # A linear record and its simulator have 2.41 and 76 Hz; what bends stays small.
+    decay = rs.Decay(T, motion(1e-4, T, nothing), unit="m")
+    with pytest.raises(ValueError, match=r"vibrates at about 76\.1 Hz, the records at 2\.41 Hz"):
+        rs.diagnose(stiff, decay)

@@ -40,6 +40,7 @@ _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_OTHER_RATE = 5.0  # times the frequency: no value that is known to some per cent makes that
 _STEP = 0.01  # of a value, for what a change of it does
 
 
@@ -177,6 +178,7 @@ def _reduced(
     release = max(reaches, key=abs)
     least = min(float(extract_backbone(r.decay.single()).amplitude.min()) for r in records)
     largest = simulator.decay(release, t, n, values=values)
+    _check_rate(simulator, largest, rate)
     simulator.check_again(release, t, n, values)
     answers = [largest]
     try:
@@ -197,6 +199,18 @@ def _reduced(
     begins = [on.start(model, (), Record.of(s, options.floor))[0] for s in series]
     on.released.extend(zip([a.release for a in answers], begins, strict=True))
     return on, known
+
+
+def _check_rate(simulator: Simulator, answer: SimulatedDecay, rate: float) -> None:
+    """Raise a ValueError for a motion that is by far faster or slower than the records."""
+    x = answer.displacements[:, 0] - answer.displacements[:, 0].mean()
+    own = np.pi * np.count_nonzero(np.diff(np.signbit(x))) / float(answer.t[-1])
+    if not 1 / _OTHER_RATE < own / rate < _OTHER_RATE:
+        raise ValueError(
+            f"simulator {simulator.name} vibrates at about {own / (2 * np.pi):.3g} Hz, the records"
+            f" at {rate / (2 * np.pi):.3g} Hz: check its units (of a deck mm,t,s or m,kg,s), its"
+            " stiffness and mass, and which mode was measured"
+        )
 
 
 def _reach(record: Record) -> float:
