@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import (
@@ -35,6 +36,7 @@ from romsindy.typing import Array
 
 _FINE = 51  # places between two points
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
+_GROWN = (0.25, 0.5, 1.0)  # parts of what was read: a mode that is off may lose step over all of it
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
 # of steps in time and of small masses grow with the frequency.
 _FREQUENCY = 5e-4
@@ -82,6 +84,30 @@ class SimulatedReadings(NamedTuple):
     readings: Array
     ring: Array  # what more of the higher modes in its release does to them
 
+    def until(self, n: int) -> SimulatedReadings:
+        """The first samples."""
+        return SimulatedReadings(self.readings[:n], self.ring[:n])
+
+
+class OpenValues(NamedTuple):
+    """Values of a beam that its first mode leaves open, in units of their own, n of them.
+
+    By the first mode, and by what is known beforehand, the chi-square of values that are ``off``
+    from their likeliest is the square of ``known`` times these.
+    """
+
+    slopes: Array  # (2 n_higher, n): of the frequency, relative, and the rate of each higher mode
+    known: Array  # (m, n)
+    off: Array  # (n,)
+
+
+class Left(NamedTuple):
+    """What motions leave of the sensors beside the first mode, over the noise, and of the slack."""
+
+    left: Array  # (m,)
+    step: Array  # (n,): what would leave less, as a change of the open values
+    turns: float  # rad, by which that turns a higher mode by the end, at the most
+
 
 @dataclass(frozen=True, eq=False)
 class TriedOnBeam:
@@ -90,6 +116,7 @@ class TriedOnBeam:
     names: frozenset[str]  # what it says
     at: Array | None  # (n_points,), those of the one effect that can be anywhere, m
     left: Array  # (m, n_points), of the sensors over the noise at each of the points: see `left_of`
+    off: Array  # (n_points, n), of values that the first mode leaves open: see `OpenValues`
 
     @property
     def points(self) -> Array:
@@ -99,19 +126,21 @@ class TriedOnBeam:
     def joined(self, more: TriedOnBeam) -> TriedOnBeam:
         """The same with further points."""
         at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
-        order = np.argsort(at)
-        return TriedOnBeam(self.names, at[order], left[:, order])
+        order, off = np.argsort(at), np.vstack([self.off, more.off])
+        return TriedOnBeam(self.names, at[order], left[:, order], off[order])
 
 
 class Heard(NamedTuple):
     """What all sensors say of an explanation.
 
     ``misfit`` is minus twice the logarithm of its likelihood, places integrated over; ``place`` is
-    that of an effect that can be anywhere.
+    that of an effect that can be anywhere, ``off`` are values that were open, at the point nearest
+    to it.
     """
 
     misfit: float
     place: PlaceOnBeam | None
+    off: Array
 
 
 def weigh(
@@ -124,7 +153,8 @@ def weigh(
     """
     profiles = [_profile(t) for t in tried]
     noise = noise_of(min(float(x.min()) for _, x in profiles), read)
-    return [_heard(fine, x / noise, seen) for fine, x in profiles]
+    pairs = zip(tried, profiles, strict=True)
+    return [_heard(t, fine, x / noise, seen) for t, (fine, x) in pairs]
 
 
 def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
@@ -136,16 +166,19 @@ def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
     return fine, np.einsum("ij,jk,ik->i", weights, tried.left.T @ tried.left, weights)
 
 
-def _heard(fine: Array | None, chi_squared: Array, seen: InstrumentedBeam) -> Heard:
+def _heard(
+    tried: TriedOnBeam, fine: Array | None, chi_squared: Array, seen: InstrumentedBeam
+) -> Heard:
     least = float(chi_squared.min())
     if fine is None:
-        return Heard(least, None)
+        return Heard(least, None, tried.off[0])
     likelihood = np.exp(-0.5 * (chi_squared - least))
     there = np.interp(seen.usual, fine, likelihood, left=0.0, right=0.0)
     anywhere = np.trapezoid(likelihood, fine) / seen.beam.length
     inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
     place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), seen.beam.length)
-    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place)
+    nearest = tried.off[int(np.argmin(np.abs(tried.points - best)))]
+    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place, nearest)
 
 
 def left_of(
@@ -153,26 +186,41 @@ def left_of(
     read: Sequence[Readings],
     motions: Sequence[SimulatedReadings],
     slack: Latitude,
-) -> Array:
-    """What motions leave of the sensors beside the first mode, over the noise, and of the slack.
+    values: OpenValues | None = None,
+) -> Left:
+    """What motions leave of the sensors, and how values that are open would leave less.
 
-    How much the higher modes are off is fitted, for their phase may run away by radians.
+    How much the higher modes are off is fitted, by the values and beside them, from the first
+    cycles on: their phase may run away by radians.
     """
-    heard = [HigherModes.of(seen, *pair) for pair in zip(read, motions, strict=True)]
     n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
-    off, more = np.zeros(2 * n_higher), [np.zeros(n_higher, complex)] * len(read)
-    for _ in range(_ITERATIONS):
-        rows = [h.columns(off, c) for h, c in zip(heard, more, strict=True)]
-        given = np.append(np.zeros(n_sensors), off)
-        y = np.concatenate([*(r.left for r in rows), -given / slack.spreads])
-        x = np.concatenate([*(r.own for r in rows), np.diag(1 / slack.spreads)])
-        step = np.linalg.lstsq(x, y)[0]
-        more = [c + r.ringing(step) for r, c in zip(rows, more, strict=True)]
-        turn = step[n_sensors:] * heard[0].reach
-        off = off + step[n_sensors:] / max(float(np.abs(turn).max(initial=0.0)), 1.0)
-        if np.abs(turn).max(initial=0.0) < _SETTLED:
-            break
-    return np.asarray(y - x @ step)
+    slopes, known, begun = values or (np.zeros((2 * n_higher, 0)), np.zeros((0, 0)), np.zeros(0))
+    spreads, free = np.diag(1 / slack.spreads), len(slack.spreads)
+    off, more = np.zeros(free + len(begun)), [np.zeros(n_higher, complex)] * len(read)
+    off[free:] = 0.0
+    by_all = np.hstack([np.eye(2 * n_higher), slopes])  # what each does to the higher modes
+    prior = block_diag(spreads, known)
+    for share in _GROWN:
+        parts = [(r.part(share), m) for r, m in zip(read, motions, strict=True)]
+        heard = [HigherModes.of(seen, r, m.until(len(r.t))) for r, m in parts]
+        for _ in range(_ITERATIONS):
+            modes = by_all @ off[n_sensors:]
+            rows = [h.columns(modes, c) for h, c in zip(heard, more, strict=True)]
+            given = np.append(np.zeros(n_sensors), off[n_sensors:])
+            given[free:] += begun
+            y = np.concatenate([*(r.left for r in rows), -prior @ given])
+            own = np.concatenate([r.own for r in rows])
+            x = np.vstack([np.hstack([own, own[:, n_sensors:] @ slopes]), prior])
+            step = np.linalg.lstsq(x, y)[0]
+            change = np.append(step[:n_sensors], by_all @ step[n_sensors:])
+            more = [c + r.ringing(change) for r, c in zip(rows, more, strict=True)]
+            turn = float(np.abs(change[n_sensors:] * heard[0].reach).max(initial=0.0))
+            off[n_sensors:] += step[n_sensors:] / max(turn, 1.0)
+            if turn < _SETTLED:
+                break
+    moved = off[free:]
+    turns = float(np.abs(slopes @ moved * heard[0].reach).max(initial=0.0))
+    return Left(np.asarray(y - x @ step), moved, turns)
 
 
 class Columns(NamedTuple):

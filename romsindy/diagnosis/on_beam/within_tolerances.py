@@ -57,6 +57,11 @@ class ParameterDirection(TermEffect, BeamEffect):
     fixed_unit = "standard deviations"
     advice = "a second mode, or the deflection under a known weight"
 
+    @property
+    def seen(self) -> bool:
+        """Whether the records see it."""
+        return self.felt > _FELT
+
     @cached_property
     def direction(self) -> Combination:
         """What a unit of strength does to the coefficients."""
@@ -133,19 +138,16 @@ def directions(
     parameters: Sequence[ParameterEffect],
     deviations: Array,
 ) -> tuple[ParameterDirection, ...]:
-    """The combinations of parameters that the records see, the best seen first.
+    """The combinations of parameters, those that the records see best first.
 
     ``deviations`` (n_parameters,) are their standard deviations.
     """
     seen = _information(model, records, parameters) * np.multiply.outer(deviations, deviations)
     squares, vectors = np.linalg.eigh(seen)
-    order = [i for i in np.argsort(-squares) if squares[i] > _FELT**2]
-    known = tuple(parameters)
+    known, felt = tuple(parameters), np.sqrt(np.clip(squares, 0.0, None))
     return tuple(
-        ParameterDirection(
-            known, deviations, vectors[:, i], float(np.sqrt(squares[i])), f"tolerances_{n}"
-        )
-        for n, i in enumerate(order, 1)
+        ParameterDirection(known, deviations, vectors[:, i], float(felt[i]), f"tolerances_{n}")
+        for n, i in enumerate(np.argsort(-squares), 1)
     )
 
 
