@@ -93,10 +93,10 @@ def test_a_second_mode_may_be_off_by_what_is_known_of_it(off):
     """Its phase may run away by radians, and is followed; more than is known of it costs."""
     read = readings(ringing(1, 4e-4, off))
     motion = SimulatedReadings(ringing(0, 0.02) + ringing(1, 4e-4), ringing(1, 1e-4))
-    known = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(4))
+    known = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(ALL.shapes.shape))
     wide = replace(known, frequencies=np.full_like(known.frequencies, 1e-2))
     wrong, right = (
-        float(np.sum(left_of(ALL, [read], [motion], slack) ** 2)) for slack in (known, wide)
+        float(np.sum(left_of(ALL, [read], [motion], slack).left ** 2)) for slack in (known, wide)
     )
     n = 3 * len(T)
     assert right == pytest.approx(n, abs=6 * np.sqrt(2 * n))
@@ -112,8 +112,8 @@ def test_sensors_that_show_one_mode_are_heard():
     noisy = first + NOISE * np.random.default_rng(2).standard_normal(first.shape)
     q = rs.Decay(T, few.coordinate(noisy), unit="kg^0.5 m")
     read = Readings.of(Record.of(q, 1e-9), rs.Decay(T, noisy, unit="m"), 0.0, 1e-9)
-    slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(3))
-    left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack)
+    slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(few.shapes.shape))
+    left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack).left
     n = 2 * len(T)
     assert np.sum(left**2) == pytest.approx(n, abs=6 * np.sqrt(2 * n))
 

@@ -397,11 +397,11 @@ def heard(measured):
     t = STEP * np.arange(len(measured))
     record = Record.of(rs.Decay(t, SEEN.coordinate(measured), unit="kg^0.5 m"), 2e-4)
     read = [Readings.of(record, rs.Decay(t, measured), 0.0, 2e-4)]
-    slack = Latitude.of(SEEN, (), (0.0, 0.0), np.zeros(5))
+    slack = Latitude.of(SEEN, (), (0.0, 0.0), np.zeros(SEEN.shapes.shape))
     at = points(BEAM)
     # More of the second mode is what a pull has beyond the force of the first.
     motions = [SimulatedReadings(x := pulled(a), x - pulled(a, mode=1)) for a in at]
-    left = np.stack([left_of(SEEN, read, [m], slack) for m in motions], axis=1)
+    left = np.stack([left_of(SEEN, read, [m], slack).left for m in motions], axis=1)
     (found,) = weigh([TriedOnBeam(frozenset({"viscous"}), np.array(at), left)], read, SEEN)
     return found.place
 

@@ -47,14 +47,15 @@ class Latitude:
     """What sensors and higher modes may do beside what is simulated: standard deviations."""
 
     gains: Array  # (n_sensors,), relative, of the sensors
+    places: Array  # (n_sensors, n_modes): of the mode shapes there, all of a sensor by one error
     frequencies: Array  # (n_modes,), relative, of the modes above the first that are told apart
     rates: Array  # (n_modes,), of their damping, 1/s
 
     @property
     def spreads(self) -> Array:
-        """All, as the columns that they belong to."""
+        """All, as the columns that they belong to; those of places are in their own."""
         pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
-        return np.concatenate([self.gains, pairs])
+        return np.concatenate([self.gains, np.ones(len(self.places)), pairs])
 
     @classmethod
     def of(
@@ -62,7 +63,7 @@ class Latitude:
         seen: InstrumentedBeam,
         doubtful: Sequence[Beam],
         damping: tuple[float, float],
-        gains: Array,
+        places: Array,
     ) -> Latitude:
         """Latitude of a beam, given what it would be if each doubtful parameter were another.
 
@@ -75,7 +76,7 @@ class Latitude:
         frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
         alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
         rates = np.hypot(alpha, eta * omega**2) / 2
-        return cls(np.hypot(GAINS, gains), frequencies[1:], rates[1:])
+        return cls(np.full(len(places), GAINS), places, frequencies[1:], rates[1:])
 
 
 class SimulatedReadings(NamedTuple):
@@ -107,6 +108,8 @@ class Left(NamedTuple):
     left: Array  # (m,)
     step: Array  # (n,): what would leave less, as a change of the open values
     turns: float  # rad, by which that turns a higher mode by the end, at the most
+    # Of each record, (n_higher,) complex: how much more of every mode its release had
+    more: list[Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,34 +196,33 @@ def left_of(
     How much the higher modes are off is fitted, by the values and beside them, from the first
     cycles on: their phase may run away by radians.
     """
-    n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
+    n_higher = seen.shapes.shape[1] - 1
     slopes, known, begun = values or (np.zeros((2 * n_higher, 0)), np.zeros((0, 0)), np.zeros(0))
     spreads, free = np.diag(1 / slack.spreads), len(slack.spreads)
+    n_read = free - 2 * n_higher  # of the readings, which are linear in them
     off, more = np.zeros(free + len(begun)), [np.zeros(n_higher, complex)] * len(read)
-    off[free:] = 0.0
     by_all = np.hstack([np.eye(2 * n_higher), slopes])  # what each does to the higher modes
     prior = block_diag(spreads, known)
     for share in _GROWN:
         parts = [(r.part(share), m) for r, m in zip(read, motions, strict=True)]
         heard = [HigherModes.of(seen, r, m.until(len(r.t))) for r, m in parts]
         for _ in range(_ITERATIONS):
-            modes = by_all @ off[n_sensors:]
-            rows = [h.columns(modes, c) for h, c in zip(heard, more, strict=True)]
-            given = np.append(np.zeros(n_sensors), off[n_sensors:])
-            given[free:] += begun
+            modes = by_all @ off[n_read:]
+            rows = [h.columns(modes, c, slack.places) for h, c in zip(heard, more, strict=True)]
+            given = off + np.append(np.zeros(free), begun)
             y = np.concatenate([*(r.left for r in rows), -prior @ given])
             own = np.concatenate([r.own for r in rows])
-            x = np.vstack([np.hstack([own, own[:, n_sensors:] @ slopes]), prior])
+            x = np.vstack([np.hstack([own, own[:, n_read:] @ slopes]), prior])
             step = np.linalg.lstsq(x, y)[0]
-            change = np.append(step[:n_sensors], by_all @ step[n_sensors:])
-            more = [c + r.ringing(change) for r, c in zip(rows, more, strict=True)]
-            turn = float(np.abs(change[n_sensors:] * heard[0].reach).max(initial=0.0))
-            off[n_sensors:] += step[n_sensors:] / max(turn, 1.0)
+            change = np.append(step[:n_read], by_all @ step[n_read:])
+            more = [r.ringing(change) for r in rows]
+            turn = float(np.abs(change[n_read:] * heard[0].reach).max(initial=0.0))
+            off[n_read:] += step[n_read:] / max(turn, 1.0)
             if turn < _SETTLED:
                 break
     moved = off[free:]
     turns = float(np.abs(slopes @ moved * heard[0].reach).max(initial=0.0))
-    return Left(np.asarray(y - x @ step), moved, turns)
+    return Left(np.asarray(y - x @ step), moved, turns, more)
 
 
 class Columns(NamedTuple):
@@ -277,8 +279,10 @@ class HigherModes:
         end = float(self.read.t[-1])
         return np.stack([self.omega * end, np.full(len(self.omega), end)], axis=1).ravel()
 
-    def columns(self, off: Array, more: Array) -> Columns:
+    def columns(self, off: Array, more: Array, places: Array) -> Columns:
         """What is left where modes are off, (2 n_higher,), and rang ``more`` than was thought.
+
+        Mode shapes may be others by what ``places`` do, see `Latitude`.
 
         What the release may be is taken off; errors of the phase and the size of the first mode
         count as noise.
@@ -289,7 +293,8 @@ class HigherModes:
         whole = rung + more * ring
         moved = self.motion.readings + (rung - self.rung).real @ shapes
         first = self.first.errors(t, self.seen.basis.omega[0])
-        free, own = [], by_gains(moved)
+        modes = np.column_stack([self.seen.coordinate(self.first.readings), rung.real])
+        free, own = [], [*by_gains(moved), *by_gains(modes @ places.T)]
         for k, shape in enumerate(shapes):
             by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
             own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]

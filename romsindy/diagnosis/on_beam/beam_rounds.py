@@ -33,7 +33,13 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.open_values import Opened
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
-from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
+from romsindy.diagnosis.on_beam.release import (
+    FAILURES,
+    BeamRelease,
+    read_release,
+    ringing,
+    rung_by,
+)
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
@@ -47,10 +53,12 @@ from romsindy.typing import Array
 _COHERENT = 0.1  # of a motion: so far may a beam be from it, and do the same beside its model
 _LOUD = 0.1  # of a motion: where other modes change it by so much, it is not that of the first
 _LISTENED = 3  # times, each with the best so far on the beam
-_MOST = 8  # explanations that are simulated
+_MOST, _FEW = 8, 4  # explanations that are simulated; where values alone do as well
 _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
-_MOVED, _TURNED = 4, 0.1  # times that open values are moved; radians of a higher mode that are left
+# Times that open values are moved; radians of a higher mode that may be left, and that are few
+_MOVED, _TURNED, _ALIKE = 4, 0.1, 0.5
+_RINGS = 0.25  # times `ringing`: what a release may ring more
 
 
 def _far(record: Record, signal: Array) -> float:
@@ -94,6 +102,12 @@ class _Begun(NamedTuple):
     release: BeamRelease
     more: BeamRelease
     ring: Array | None = None
+
+    def rung_by(self, by: Array) -> _Begun:
+        """The same where higher modes ring so many times by what they ring more."""
+        release = rung_by(self.release, self.more, by)
+        # ... and as much more than that as before
+        return self._replace(release=release, more=rung_by(self.release, self.more, by + 1))
 
 
 @dataclass(eq=False)
@@ -327,7 +341,7 @@ class BeamRounds(Rounds):
         for h in report.compared:
             if len(h.effects) == 1 and self.structure.with_effects(h.effects):
                 found.setdefault(names_of(h), h)
-        return list(found.values())[:_MOST]
+        return list(found.values())[:_FEW]
 
     def _placed(self, best: Hypothesis, said: Heard | None) -> tuple[tuple[Part, ...], float]:
         """An explanation on the beam, as all sensors say that it is; how far it moved, m."""
@@ -377,35 +391,35 @@ class BeamRounds(Rounds):
         movable = [p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect)]
         try:
             starts = [self._start(i, opened.parts) for i in range(len(read))]
+            ((left, off, begun),) = self._left([(opened, starts)], read, slack)
             if len(movable) != 1:
-                ((left, off, _),) = self._left([(opened, starts)], read, slack)
                 return TriedOnBeam(names_of(h), None, left[:, None], off[None])
+            if self.tolerant:  # elsewhere values are nearly the same
+                opened, starts = opened.moved(off), [s._replace(ring=None) for s in begun]
             places = points(self.seen.beam)
             told = self.told.get(movable[0].effect.name)
             if told is not None:
                 places = told.about(places)
-            tried, rings = self._at(places, h, starts, read, slack)
+            tried, several = self._at(places, opened, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in weigh([tried], read, self.seen))
                 if place is None or not (finer := place.between(tried.points)):
                     break
-                near = rings[int(np.argmin(np.abs(np.subtract(places, place.at))))]
-                begun = [s._replace(ring=r) for s, r in zip(starts, near, strict=True)]
-                tried = tried.joined(self._at(finer, h, begun, read, slack)[0])
+                near = several[int(np.argmin(np.abs(np.subtract(places, place.at))))]
+                tried = tried.joined(self._at(finer, opened, near, read, slack)[0])
         except FAILURES:
             return None
-        return tried
+        return replace(tried, names=names_of(h))
 
     def _at(
         self,
         places: Sequence[float],
-        h: Hypothesis,
+        opened: Opened,
         starts: Sequence[_Begun],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> tuple[TriedOnBeam, list[list[Array]]]:
-        """The beam with an effect that can be anywhere, at some points; what rings at each."""
-        opened = Opened.of(h, self.unseen)
+    ) -> tuple[TriedOnBeam, list[list[_Begun]]]:
+        """The beam with an effect that can be anywhere, at some points; how it begins at each."""
         (part,) = (p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect))
         moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
         several = [opened.with_part(part, m) for m in moved]
@@ -418,9 +432,10 @@ class BeamRounds(Rounds):
             for there in several
         ]
         heard = self._left(list(zip(several, begun, strict=True)), read, slack)
-        left, off, rings = zip(*heard, strict=True)
-        tried = TriedOnBeam(names_of(h), np.array(places), np.stack(left, axis=1), np.array(off))
-        return tried, list(rings)
+        left, off, starts = zip(*heard, strict=True)
+        names = frozenset({part.effect.name})
+        tried = TriedOnBeam(names, np.array(places), np.stack(left, axis=1), np.array(off))
+        return tried, list(starts)
 
     def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
@@ -432,7 +447,7 @@ class BeamRounds(Rounds):
         read: Sequence[Readings],
         slack: Latitude,
         measured: Sequence[Array] | None = None,
-    ) -> list[tuple[Array, Array, list[Array]]]:
+    ) -> list[tuple[Array, Array, list[_Begun]]]:
         """What beams with some parts, that begin each record somehow, leave: see `_left`."""
         early = [self._early(i, own) for i, own in enumerate(read)]
         given = (early, read, slack, self.tolerant, measured)
@@ -480,15 +495,17 @@ def _left(
     slack: Latitude,
     tolerant: bool,
     measured: Sequence[Array] | None,
-) -> tuple[Array, Array, list[Array]]:
-    """What a beam with some parts leaves of all sensors (m,), and what rings in each record.
+) -> tuple[Array, Array, list[_Begun]]:
+    """What a beam with some parts leaves of all sensors (m,), and how each record begins with them.
 
     Values that the first mode leaves open are moved until higher modes move as they were measured;
     ``off`` (n,) is how far. The first mode moves as it was ``measured``, where that is given.
     """
-    pairs = list(zip(early, starts, strict=True))
-    for again in reversed(range(_MOVED if tolerant else 1)):
+    values = opened.values(seen) if tolerant else None
+    best: tuple[Array, Array, list[_Begun]] | None = None
+    for _ in range(_MOVED):
         beam = beam_with(seen.beam, opened.parts)
+        pairs = zip(early, starts, strict=True)
         motions = [_motion(seen, beam, *own, start) for own, start in pairs]
         if measured is not None:
             rows = zip(motions, measured, read, strict=True)
@@ -496,11 +513,21 @@ def _left(
                 m._replace(readings=followed(m.readings, seen.coordinate(m.readings), q, r.t))
                 for m, q, r in rows
             ]
-        found = left_of(seen, read, motions, slack, opened.values(seen) if tolerant else None)
-        if found.turns < _TURNED or not again:
+        found = left_of(seen, read, motions, slack, values)
+        if best is not None and found.left @ found.left >= best[0] @ best[0]:
+            break  # what came nearer stands
+        starts = [s._replace(ring=m.ring) for s, m in zip(starts, motions, strict=True)]
+        best = found.left, opened.off, starts
+        rings = max(float(np.abs(x).max(initial=0.0)) for x in found.more)
+        if values is None or (found.turns < _TURNED and rings < _RINGS):
             break
         opened = opened.moved(found.step)
-    return found.left, opened.off, [m.ring for m in motions]
+        values = values._replace(off=opened.off)
+        starts = [s.rung_by(x) for s, x in zip(starts, found.more, strict=True)]
+        if found.turns > _ALIKE:  # what rings more goes with the frequencies of its beam
+            starts = [s._replace(ring=None) for s in starts]
+    assert best is not None
+    return best
 
 
 def _motion(

@@ -121,15 +121,18 @@ def position_error(seen: InstrumentedBeam, deviation: float) -> PositionError:
 
 def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
     """Errors of the gains of sensors that are each off by a standard deviation, m, (n_sensors,)."""
+    return np.asarray(np.abs(deviation * slopes(seen)[:, 0] / seen.shapes[:, 0]))
+
+
+def slopes(seen: InstrumentedBeam) -> Array:
+    """Of the mode shapes at the sensors, per m along the beam, (n_sensors, n_modes)."""
     modes = seen.shapes.shape[1]
     step = _SHIFT * seen.beam.length
-    inwards = [
-        replace(s, at=s.at + (step if s.at + step < seen.beam.length else -step))
-        for s in seen.sensors.sensors
-    ]
+    at = np.array([s.at for s in seen.sensors.sensors])
+    steps = np.where(at + step < seen.beam.length, step, -step)
+    inwards = [replace(s, at=s.at + x) for s, x in zip(seen.sensors.sensors, steps, strict=True)]
     there = seen.beam.sensors(inwards).mode_shapes(seen.basis, modes)
-    slope = np.abs(there[:, 0] - seen.shapes[:, 0]) / step
-    return np.asarray(deviation * slope / np.abs(seen.shapes[:, 0]))
+    return np.asarray((there - seen.shapes) / steps[:, None])
 
 
 def directions(

@@ -35,6 +35,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     directions,
     position_error,
     position_gains,
+    slopes,
 )
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected, sensor_errors
@@ -125,9 +126,9 @@ def diagnose_beam(
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
     damping = near.get("mass_damping", 0.0), near.get("material_damping", 0.0)
-    gains = position_gains(seen, off or 0.0)
-    slack = Latitude.of(seen, doubtful, damping, gains)
-    beside = Latitude.of(seen, (), (0.0, 0.0), gains)  # what values do is known where they move
+    places = (off or 0.0) * slopes(seen)
+    slack = Latitude.of(seen, doubtful, damping, places)
+    beside = Latitude.of(seen, (), (0.0, 0.0), places)  # what values do is known where they move
     first = rounds.run(effects, *rounds.near_the_records(effects, before))
     found, place = rounds.over_all_sensors(first, effects_at, beside)
     found = found._replace(report=rounds.no_less(found.report))
