@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import Readings, followed
+from romsindy.diagnosis.all_sensors import Readings, followed, noise_of
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
@@ -280,14 +280,15 @@ class BeamRounds(Rounds):
             if self.options.over:
                 return found._replace(report=replace(report, interrupted=True)), None
             asked = self._asked(report)
-            heard = self.heard(report.base, asked, slack)
-            if self.tolerant:
-                asked = [report.base, *asked]
-            best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
-            said = heard.get(names_of(best))
-            place = None if said is None else said.place
-            parts, moved = self._placed(best, said)
             try:
+                heard = self.heard(report, asked, slack)
+                asked = [h for h in asked if names_of(h) in heard or report.best.effects]
+                if self.tolerant:
+                    asked = [report.base, *asked]
+                best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
+                said = heard.get(names_of(best))
+                place = None if said is None else said.place
+                parts, moved = self._placed(best, said)
                 loud = any(r.state for r in self.releases)
                 if best.names == report.best.names and not (moved or loud or self.tolerant):
                     again = self.run(effects_at(self.places), found.corrected, found.parts)
@@ -362,12 +363,18 @@ class BeamRounds(Rounds):
         return on_the_beam(after.parts), apart
 
     def heard(
-        self, base: Hypothesis, asked: Sequence[Hypothesis], slack: Latitude
+        self, report: DiagnosisReport, asked: Sequence[Hypothesis], slack: Latitude
     ) -> dict[Names, Heard]:
-        """What all sensors say of explanations, and of values alone."""
+        """What all sensors say of explanations, and of values alone.
+
+        Where these were found, and leave noise alone, nothing else is asked.
+        """
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
-        found: list[TriedOnBeam | None] = [self._without(base, read, slack)]
+        alone = self._without(report.base, read, slack)
+        found: list[TriedOnBeam | None] = [alone]
+        if not report.best.effects and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
+            asked = ()
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
@@ -472,9 +479,7 @@ class BeamRounds(Rounds):
     def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
         return self.records[i].until(float(read.t[-1])), self.raw[i]
 
-    def _without(
-        self, base: Hypothesis, read: Sequence[Readings], slack: Latitude
-    ) -> TriedOnBeam:
+    def _without(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
         """The beam with values alone, along the first mode as that was measured."""
         opened, starts, measured = Opened.of(base, self.unseen), [], []
         for i, own in enumerate(read):

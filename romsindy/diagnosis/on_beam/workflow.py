@@ -44,8 +44,8 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
-from romsindy.fit.records.arguments import free_names
 from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.arguments import free_names
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.fit.results.fitted import refined
