@@ -402,7 +402,8 @@ def heard(measured):
     # More of the second mode is what a pull has beyond the force of the first.
     motions = [SimulatedReadings(x := pulled(a), x - pulled(a, mode=1)) for a in at]
     left = np.stack([left_of(SEEN, read, [m], slack).left for m in motions], axis=1)
-    (found,) = weigh([TriedOnBeam(frozenset({"viscous"}), np.array(at), left)], read, SEEN)
+    tried = TriedOnBeam(frozenset({"viscous"}), np.array(at), left, np.zeros((len(at), 0)))
+    (found,) = weigh([tried], read, SEEN)
     return found.place
 
 
