@@ -25,7 +25,8 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     left_of,
     weigh,
 )
-from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
+from romsindy.diagnosis.on_beam.instrumented import ModesAtRest
+from romsindy.diagnosis.on_beam.next_release import variance_of
 from romsindy.diagnosis.on_beam.parameters import damping_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.within_tolerances import slopes

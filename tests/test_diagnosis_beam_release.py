@@ -125,7 +125,7 @@ def test_a_release_at_the_tip_is_no_effect(seed):
 
 
 def test_values_that_the_first_mode_leaves_open_are_told_by_the_second():
-    """The second frequency is that of the true beam; it was 0.7 % off, and left 16 times the noise."""
+    """The second frequency is that of the true beam; it was 0.7 % off, with 16 times the noise."""
     truth = BEAM.with_effect(StifferBending(0.015)).with_effect(StifferSpring(-0.02))
     decays = [pulled(SEEN, truth, q, i, TIP) for i, q in enumerate((0.016, 0.013))]
     known = {"bending_stiffness": 0.01, "spring_stiffness": 0.02, "pre_tension": 0.02}

@@ -30,7 +30,6 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.open_values import Opened
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.release import (
@@ -40,7 +39,7 @@ from romsindy.diagnosis.on_beam.release import (
     ringing,
     rung_by,
 )
-from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
+from romsindy.diagnosis.on_beam.within_tolerances import Opened, beam_with, on_the_beam
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
 from romsindy.diagnosis.structure import Corrected, as_measured, key_of
@@ -395,14 +394,14 @@ class BeamRounds(Rounds):
         None where it would have to be stronger than the beam bears.
         """
         opened = Opened.of(h, self.unseen)
-        movable = [p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect)]
         try:
             starts = [self._start(i, opened.parts) for i in range(len(read))]
             ((left, off, begun),) = self._left([(opened, starts)], read, slack)
+            opened = opened.moved(off)  # elsewhere values are nearly the same
+            movable = [p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect)]
             if len(movable) != 1:
                 return TriedOnBeam(names_of(h), None, left[:, None], off[None])
-            if self.tolerant:  # elsewhere values are nearly the same
-                opened, starts = opened.moved(off), [s._replace(ring=None) for s in begun]
+            starts = [s._replace(ring=None) for s in begun]
             places = points(self.seen.beam)
             told = self.told.get(movable[0].effect.name)
             if told is not None:
