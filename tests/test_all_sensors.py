@@ -19,14 +19,17 @@ from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
     Latitude,
+    OpenValues,
     SimulatedReadings,
     TriedOnBeam,
     left_of,
     weigh,
 )
-from romsindy.diagnosis.on_beam.next_release import ModesAtRest, variance_of
+from romsindy.diagnosis.on_beam.instrumented import ModesAtRest
+from romsindy.diagnosis.on_beam.next_release import variance_of
 from romsindy.diagnosis.on_beam.parameters import damping_effects
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.on_beam.within_tolerances import slopes
 from romsindy.diagnosis.rounds import Rounds, undecided
 from romsindy.effects import AtPoint, Damper, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
@@ -93,16 +96,58 @@ def test_a_second_mode_may_be_off_by_what_is_known_of_it(off):
     """Its phase may run away by radians, and is followed; more than is known of it costs."""
     read = readings(ringing(1, 4e-4, off))
     motion = SimulatedReadings(ringing(0, 0.02) + ringing(1, 4e-4), ringing(1, 1e-4))
-    known = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(4))
+    known = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(ALL.shapes.shape))
     wide = replace(known, frequencies=np.full_like(known.frequencies, 1e-2))
     wrong, right = (
-        float(np.sum(left_of(ALL, [read], [motion], slack) ** 2)) for slack in (known, wide)
+        float(np.sum(left_of(ALL, [read], [motion], slack).left ** 2)) for slack in (known, wide)
     )
     n = 3 * len(T)
     assert right == pytest.approx(n, abs=6 * np.sqrt(2 * n))
     # The prior counts (off / sigma)^2.
     least = (off / known.frequencies[0]) ** 2 - (off / 1e-2) ** 2
     assert wrong - right == pytest.approx(least, rel=0.1)
+
+
+def test_a_value_that_is_open_moves_by_what_the_second_mode_says():
+    """Where a unit moves it by 1 %, half of that is half a unit.
+
+    How much more of the mode the release had is found beside that.
+    """
+    more = 0.4 - 0.3j
+    size, off = 4e-4, 5e-3
+    measured = (1 + 0.25 * more) * np.exp((1j * ALL.basis.omega[1] * (1 + off) - 0.3) * T)
+    read = readings(np.outer(size * measured.real, ALL.shapes[:, 1]))
+    motion = SimulatedReadings(ringing(0, 0.02) + ringing(1, size), ringing(1, 0.25 * size))
+    slack = Latitude.of(ALL, (), (0.0, 0.0), np.zeros(ALL.shapes.shape))
+    values = OpenValues(np.array([[1e-2], [0.0]]), np.eye(1), np.array([0.1]))
+    found = left_of(ALL, [read], [motion], slack, values)
+    # It is at 0.1 of its standard deviations; to 5e-4 the frequency may be off by itself.
+    assert found.step == pytest.approx([0.5], abs=0.01)
+    assert found.turns == pytest.approx(1e-2 * found.step[0] * ALL.basis.omega[1] * T[-1], rel=0.01)
+    assert found.more[0] == pytest.approx([more], abs=0.02)
+    # Where the first mode holds it at 0.1 of a unit beyond, to 1e-2 of one, it goes back.
+    held = left_of(ALL, [read], [motion], slack, values._replace(known=100 * np.eye(1)))
+    assert held.step == pytest.approx([-0.1], abs=0.03)
+
+
+def test_a_sensor_off_its_place_reads_every_mode_otherwise():
+    """Each by the slope of its shape: as the gain of the sensor they would be alike."""
+    off = np.array([2e-3, -2e-3, 2e-3, 0.0])
+    slope = slopes(ALL)
+    moved = ALL.shapes + off[:, None] * slope
+    placed = [replace(s, at=s.at + x) for s, x in zip(ALL.sensors.sensors, off, strict=True)]
+    exact = BEAM.sensors(placed).mode_shapes(ALL.basis, ALL.shapes.shape[1])
+    assert_allclose(moved, exact, atol=2e-3 * np.abs(exact).max())
+    parts = [ringing(k, size) @ np.linalg.pinv(ALL.shapes).T for k, size in enumerate((0.02, 2e-3))]
+    read = readings(sum(parts) @ exact.T - ringing(0, 0.02))
+    motion = SimulatedReadings(ringing(0, 0.02) + ringing(1, 2e-3), ringing(1, 5e-4))
+    alike = np.abs(slope[:, :1] / ALL.shapes[:, :1]) * ALL.shapes  # as of a gain
+    right, wrong = (
+        np.sum(left_of(ALL, [read], [motion], Latitude.of(ALL, (), (0.0, 0.0), p)).left ** 2)
+        for p in (2e-3 * slope, 2e-3 * alike)
+    )
+    n = 3 * len(T)
+    assert right == pytest.approx(n, abs=6 * np.sqrt(2 * n)) and wrong > 1.5 * n
 
 
 def test_sensors_that_show_one_mode_are_heard():
@@ -112,8 +157,8 @@ def test_sensors_that_show_one_mode_are_heard():
     noisy = first + NOISE * np.random.default_rng(2).standard_normal(first.shape)
     q = rs.Decay(T, few.coordinate(noisy), unit="kg^0.5 m")
     read = Readings.of(Record.of(q, 1e-9), rs.Decay(T, noisy, unit="m"), 0.0, 1e-9)
-    slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(3))
-    left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack)
+    slack = Latitude.of(few, (), (0.0, 0.0), np.zeros(few.shapes.shape))
+    left = left_of(few, [read], [SimulatedReadings(first, np.zeros_like(first))], slack).left
     n = 2 * len(T)
     assert np.sum(left**2) == pytest.approx(n, abs=6 * np.sqrt(2 * n))
 
@@ -122,9 +167,9 @@ def test_a_place_has_the_interval_of_its_likelihood():
     """chi^2 = ((a - a0) / s)^2: three standard errors, and the evidence of a Gaussian."""
     spread, at, points = 0.01, 0.31, np.linspace(0.25, 1.0, 7) * LENGTH
     left = np.stack([(points - at) / spread, np.zeros(7)])
-    one, other = (TriedOnBeam(frozenset({n}), points, left) for n in ("a", "b"))
-    none = TriedOnBeam(frozenset(), None, np.array([[7.0]]))
-    same = TriedOnBeam(frozenset({"c"}), points, np.zeros((2, 7)))
+    one, other = (TriedOnBeam(frozenset({n}), points, left, np.zeros((7, 0))) for n in ("a", "b"))
+    none = TriedOnBeam(frozenset(), None, np.array([[7.0]]), np.zeros((1, 0)))
+    same = TriedOnBeam(frozenset({"c"}), points, np.zeros((2, 7)), np.zeros((7, 0)))
     found, _, nothing, alike = weigh([one, other, none, same], [readings()], ALL)
     assert found.place.at == pytest.approx(at, abs=1e-3)
     assert_allclose([found.place.low, found.place.high], [at - 0.03, at + 0.03], atol=1e-3)

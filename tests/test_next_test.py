@@ -209,7 +209,7 @@ def test_a_measured_velocity_is_told_as_the_amplitude_of_its_displacement(tmp_pa
 def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     beam = Beam.cantilever()
     seen = InstrumentedBeam(beam, beam.sensors([0.2, 0.45]))
-    slack = Latitude.of(seen, (), (0.0, 0.0), np.zeros(2))
+    slack = Latitude.of(seen, (), (0.0, 0.0), np.zeros(seen.shapes.shape))
     found = BeamReport(
         reduced=report(damping), faults=(), seen=seen, parts=(), sensor_errors=(), slack=slack
     )

@@ -7,7 +7,7 @@ independent: in each, what goes with the shape of the first mode is left to the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,11 @@ class Readings:
         n = int(np.searchsorted(decay.t, first + _CYCLES * 2 * np.pi / record.rate))
         calm = int(np.searchsorted(decay.t, first))
         return cls((decay.t - decay.t[0])[:n], decay.signal[:n], noises, calm)
+
+    def part(self, share: float) -> Readings:
+        """The first part of what is looked at."""
+        n = self.first + int(np.ceil(share * (len(self.t) - self.first)))
+        return replace(self, t=self.t[:n], measured=self.measured[:n])
 
     def cosines(self, x: Array, shape: Array) -> Array:
         """Cosines of readings (n, n_sensors) over the noise, without what goes with a shape."""

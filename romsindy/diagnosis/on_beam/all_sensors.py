@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import (
@@ -35,6 +36,7 @@ from romsindy.typing import Array
 
 _FINE = 51  # places between two points
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
+_GROWN = (0.25, 0.5, 1.0)  # parts of what was read: a mode that is off may lose step over all of it
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
 # of steps in time and of small masses grow with the frequency.
 _FREQUENCY = 5e-4
@@ -45,14 +47,15 @@ class Latitude:
     """What sensors and higher modes may do beside what is simulated: standard deviations."""
 
     gains: Array  # (n_sensors,), relative, of the sensors
+    places: Array  # (n_sensors, n_modes): of the mode shapes there, all of a sensor by one error
     frequencies: Array  # (n_modes,), relative, of the modes above the first that are told apart
     rates: Array  # (n_modes,), of their damping, 1/s
 
     @property
     def spreads(self) -> Array:
-        """All, as the columns that they belong to."""
+        """All, as the columns that they belong to; those of places are in their own."""
         pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
-        return np.concatenate([self.gains, pairs])
+        return np.concatenate([self.gains, np.ones(len(self.places)), pairs])
 
     @classmethod
     def of(
@@ -60,7 +63,7 @@ class Latitude:
         seen: InstrumentedBeam,
         doubtful: Sequence[Beam],
         damping: tuple[float, float],
-        gains: Array,
+        places: Array,
     ) -> Latitude:
         """Latitude of a beam, given what it would be if each doubtful parameter were another.
 
@@ -73,7 +76,7 @@ class Latitude:
         frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
         alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
         rates = np.hypot(alpha, eta * omega**2) / 2
-        return cls(np.hypot(GAINS, gains), frequencies[1:], rates[1:])
+        return cls(np.full(len(places), GAINS), places, frequencies[1:], rates[1:])
 
 
 class SimulatedReadings(NamedTuple):
@@ -81,6 +84,32 @@ class SimulatedReadings(NamedTuple):
 
     readings: Array
     ring: Array  # what more of the higher modes in its release does to them
+
+    def until(self, n: int) -> SimulatedReadings:
+        """The first samples."""
+        return SimulatedReadings(self.readings[:n], self.ring[:n])
+
+
+class OpenValues(NamedTuple):
+    """Values of a beam that its first mode leaves open, in units of their own, n of them.
+
+    By the first mode, and by what is known beforehand, the chi-square of values that are ``off``
+    from their likeliest is the square of ``known`` times these.
+    """
+
+    slopes: Array  # (2 n_higher, n): of the frequency, relative, and the rate of each higher mode
+    known: Array  # (m, n)
+    off: Array  # (n,)
+
+
+class Left(NamedTuple):
+    """What motions leave of the sensors beside the first mode, over the noise, and of the slack."""
+
+    left: Array  # (m,)
+    step: Array  # (n,): what would leave less, as a change of the open values
+    turns: float  # rad, by which that turns a higher mode by the end, at the most
+    # Of each record, (n_higher,) complex: how much more of every mode its release had
+    more: list[Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +119,7 @@ class TriedOnBeam:
     names: frozenset[str]  # what it says
     at: Array | None  # (n_points,), those of the one effect that can be anywhere, m
     left: Array  # (m, n_points), of the sensors over the noise at each of the points: see `left_of`
+    off: Array  # (n_points, n), of values that the first mode leaves open: see `OpenValues`
 
     @property
     def points(self) -> Array:
@@ -99,19 +129,21 @@ class TriedOnBeam:
     def joined(self, more: TriedOnBeam) -> TriedOnBeam:
         """The same with further points."""
         at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])
-        order = np.argsort(at)
-        return TriedOnBeam(self.names, at[order], left[:, order])
+        order, off = np.argsort(at), np.vstack([self.off, more.off])
+        return TriedOnBeam(self.names, at[order], left[:, order], off[order])
 
 
 class Heard(NamedTuple):
     """What all sensors say of an explanation.
 
     ``misfit`` is minus twice the logarithm of its likelihood, places integrated over; ``place`` is
-    that of an effect that can be anywhere.
+    that of an effect that can be anywhere, ``off`` are values that were open, at the point nearest
+    to it.
     """
 
     misfit: float
     place: PlaceOnBeam | None
+    off: Array
 
 
 def weigh(
@@ -124,7 +156,8 @@ def weigh(
     """
     profiles = [_profile(t) for t in tried]
     noise = noise_of(min(float(x.min()) for _, x in profiles), read)
-    return [_heard(fine, x / noise, seen) for fine, x in profiles]
+    pairs = zip(tried, profiles, strict=True)
+    return [_heard(t, fine, x / noise, seen) for t, (fine, x) in pairs]
 
 
 def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
@@ -136,16 +169,19 @@ def _profile(tried: TriedOnBeam) -> tuple[Array | None, Array]:
     return fine, np.einsum("ij,jk,ik->i", weights, tried.left.T @ tried.left, weights)
 
 
-def _heard(fine: Array | None, chi_squared: Array, seen: InstrumentedBeam) -> Heard:
+def _heard(
+    tried: TriedOnBeam, fine: Array | None, chi_squared: Array, seen: InstrumentedBeam
+) -> Heard:
     least = float(chi_squared.min())
     if fine is None:
-        return Heard(least, None)
+        return Heard(least, None, tried.off[0])
     likelihood = np.exp(-0.5 * (chi_squared - least))
     there = np.interp(seen.usual, fine, likelihood, left=0.0, right=0.0)
     anywhere = np.trapezoid(likelihood, fine) / seen.beam.length
     inside, best = fine[chi_squared < least + PLACE_RISE], float(fine[np.argmin(chi_squared)])
     place = PlaceOnBeam(best, float(inside.min()), float(inside.max()), seen.beam.length)
-    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place)
+    nearest = tried.off[int(np.argmin(np.abs(tried.points - best)))]
+    return Heard(least - 2 * float(np.log((there + anywhere) / 2)), place, nearest)
 
 
 def left_of(
@@ -153,26 +189,40 @@ def left_of(
     read: Sequence[Readings],
     motions: Sequence[SimulatedReadings],
     slack: Latitude,
-) -> Array:
-    """What motions leave of the sensors beside the first mode, over the noise, and of the slack.
+    values: OpenValues | None = None,
+) -> Left:
+    """What motions leave of the sensors, and how values that are open would leave less.
 
-    How much the higher modes are off is fitted, for their phase may run away by radians.
+    How much the higher modes are off is fitted, by the values and beside them, from the first
+    cycles on: their phase may run away by radians.
     """
-    heard = [HigherModes.of(seen, *pair) for pair in zip(read, motions, strict=True)]
-    n_sensors, n_higher = seen.shapes.shape[0], seen.shapes.shape[1] - 1
-    off, more = np.zeros(2 * n_higher), [np.zeros(n_higher, complex)] * len(read)
-    for _ in range(_ITERATIONS):
-        rows = [h.columns(off, c) for h, c in zip(heard, more, strict=True)]
-        given = np.append(np.zeros(n_sensors), off)
-        y = np.concatenate([*(r.left for r in rows), -given / slack.spreads])
-        x = np.concatenate([*(r.own for r in rows), np.diag(1 / slack.spreads)])
-        step = np.linalg.lstsq(x, y)[0]
-        more = [c + r.ringing(step) for r, c in zip(rows, more, strict=True)]
-        turn = step[n_sensors:] * heard[0].reach
-        off = off + step[n_sensors:] / max(float(np.abs(turn).max(initial=0.0)), 1.0)
-        if np.abs(turn).max(initial=0.0) < _SETTLED:
-            break
-    return np.asarray(y - x @ step)
+    n_higher = seen.shapes.shape[1] - 1
+    slopes, known, begun = values or (np.zeros((2 * n_higher, 0)), np.zeros((0, 0)), np.zeros(0))
+    spreads, free = np.diag(1 / slack.spreads), len(slack.spreads)
+    n_read = free - 2 * n_higher  # of the readings, which are linear in them
+    off, more = np.zeros(free + len(begun)), [np.zeros(n_higher, complex)] * len(read)
+    by_all = np.hstack([np.eye(2 * n_higher), slopes])  # what each does to the higher modes
+    prior = block_diag(spreads, known)
+    for share in _GROWN:
+        parts = [(r.part(share), m) for r, m in zip(read, motions, strict=True)]
+        heard = [HigherModes.of(seen, r, m.until(len(r.t))) for r, m in parts]
+        for _ in range(_ITERATIONS):
+            modes = by_all @ off[n_read:]
+            rows = [h.columns(modes, c, slack.places) for h, c in zip(heard, more, strict=True)]
+            given = off + np.append(np.zeros(free), begun)
+            y = np.concatenate([*(r.left for r in rows), -prior @ given])
+            own = np.concatenate([r.own for r in rows])
+            x = np.vstack([np.hstack([own, own[:, n_read:] @ slopes]), prior])
+            step = np.linalg.lstsq(x, y)[0]
+            change = np.append(step[:n_read], by_all @ step[n_read:])
+            more = [r.ringing(change) for r in rows]
+            turn = float(np.abs(change[n_read:] * heard[0].reach).max(initial=0.0))
+            off[n_read:] += step[n_read:] / max(turn, 1.0)
+            if turn < _SETTLED:
+                break
+    moved = off[free:]
+    turns = float(np.abs(slopes @ moved * heard[0].reach).max(initial=0.0))
+    return Left(np.asarray(y - x @ step), moved, turns, more)
 
 
 class Columns(NamedTuple):
@@ -229,8 +279,10 @@ class HigherModes:
         end = float(self.read.t[-1])
         return np.stack([self.omega * end, np.full(len(self.omega), end)], axis=1).ravel()
 
-    def columns(self, off: Array, more: Array) -> Columns:
+    def columns(self, off: Array, more: Array, places: Array) -> Columns:
         """What is left where modes are off, (2 n_higher,), and rang ``more`` than was thought.
+
+        Mode shapes may be others by what ``places`` do, see `Latitude`.
 
         What the release may be is taken off; errors of the phase and the size of the first mode
         count as noise.
@@ -241,7 +293,8 @@ class HigherModes:
         whole = rung + more * ring
         moved = self.motion.readings + (rung - self.rung).real @ shapes
         first = self.first.errors(t, self.seen.basis.omega[0])
-        free, own = [], by_gains(moved)
+        modes = np.column_stack([self.seen.coordinate(self.first.readings), rung.real])
+        free, own = [], [*by_gains(moved), *by_gains(modes @ places.T)]
         for k, shape in enumerate(shapes):
             by_frequency = (1j * self.omega[k] * t * whole[:, k]).real
             own += [np.outer(x, shape) for x in (by_frequency, -t * whole[:, k].real)]

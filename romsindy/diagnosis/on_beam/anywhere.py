@@ -44,18 +44,22 @@ def where(part: Part) -> str:
 
 
 def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> Part:
-    """An effect elsewhere, where it does the same to the first mode in a record."""
+    """An effect elsewhere, where it does the same to the first mode in a record.
+
+    One at the end of the beam stays there where the beam is shorter than was said.
+    """
     effect, strength = part.effect, float(part.strengths[0, 0])
+    end = None if at == seen.beam.length else at
     if isinstance(effect, ParameterEffect):
         squared = (_lift(seen, effect.at) / _lift(seen, at)) ** 2
         weights = tuple(w / squared for w in effect.direction.weights)
-        there = replace(effect, at=at, direction=replace(effect.direction, weights=weights))
+        there = replace(effect, at=end, direction=replace(effect.direction, weights=weights))
         return replace(part, effect=there, strengths=part.strengths * squared)
     effect = cast(MountedEffect, effect)
     mounting = cast(AtPoint, effect.mounting)
     ratio = _lift(seen, at) / _lift(seen, mounting.at)
     metres = {p.name: effect.value(p.name) * ratio for p in part.parameters if p.unit == "m"}
-    other = replace(effect.shaped(metres), mounting=replace(mounting, at=at))
+    other = replace(effect.shaped(metres), mounting=replace(mounting, at=end))
     q, q_dot, q_ddot = (sampled(record.motion, k)[:, 0] for k in range(3))
     state = State(record.t, q, q_dot, q_ddot, record.motion.grid.step)
     here, elsewhere = effect.forces(state)[0], other.forces(state)[0]

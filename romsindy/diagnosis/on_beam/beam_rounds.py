@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import Readings, followed
+from romsindy.diagnosis.all_sensors import Readings, followed, noise_of
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.family import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
@@ -32,11 +32,17 @@ from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
-from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, read_release, ringing
-from romsindy.diagnosis.on_beam.within_tolerances import beam_with
+from romsindy.diagnosis.on_beam.release import (
+    FAILURES,
+    BeamRelease,
+    read_release,
+    ringing,
+    rung_by,
+)
+from romsindy.diagnosis.on_beam.within_tolerances import Opened, beam_with, on_the_beam
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
-from romsindy.diagnosis.structure import Corrected, as_measured
+from romsindy.diagnosis.structure import Corrected, as_measured, key_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
@@ -46,9 +52,12 @@ from romsindy.typing import Array
 _COHERENT = 0.1  # of a motion: so far may a beam be from it, and do the same beside its model
 _LOUD = 0.1  # of a motion: where other modes change it by so much, it is not that of the first
 _LISTENED = 3  # times, each with the best so far on the beam
-_MOST = 8  # explanations that are simulated
+_MOST, _FEW = 8, 4  # explanations that are simulated; where values alone do as well
 _FINER = 3  # times that points are added about the place of an effect
 _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
+# Times that open values are moved; radians of a higher mode that may be left, and that are few
+_MOVED, _TURNED, _ALIKE = 4, 0.1, 0.5
+_RINGS = 0.25  # times `ringing`: what a release may ring more
 
 
 def _far(record: Record, signal: Array) -> float:
@@ -93,14 +102,26 @@ class _Begun(NamedTuple):
     more: BeamRelease
     ring: Array | None = None
 
+    def rung_by(self, by: Array) -> _Begun:
+        """The same where higher modes ring so many times by what they ring more."""
+        release = rung_by(self.release, self.more, by)
+        # ... and as much more than that as before
+        return self._replace(release=release, more=rung_by(self.release, self.more, by + 1))
+
 
 @dataclass(eq=False)
 class BeamRounds(Rounds):
     """A beam and its reduced model beside records: also where on it an effect acts."""
 
     structure: OnBeam
+    # Combinations of values within tolerances that the first mode does not see; whether values of
+    # the beam are known within tolerances
+    unseen: tuple[Part, ...] = ()
+    tolerant: bool = False
     given: list[BeamRelease | None] = field(init=False)  # of the releases, those that are known
     told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
+    # What higher modes say of the values beside an explanation: its names, and changes by key
+    more: tuple[Names, Mapping[tuple[str, str], Array]] = (frozenset(), {})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -218,6 +239,26 @@ class BeamRounds(Rounds):
         """Whether an effect can be anywhere, and nothing said yet where."""
         return can_be_anywhere(part.effect) and part.effect.name not in self.told
 
+    def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
+        """What the first mode says of parts that are on the beam."""
+        of, more = self.more
+        if of != self._names(parts):
+            return parts
+        return on_the_beam([p.moved(-more[key_of(p)]) if key_of(p) in more else p for p in parts])
+
+    def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
+        """What was found, and by how much more higher modes move the values beside it."""
+        of, more = self.more
+        if of != self._names(found):
+            return super().next_parts(parts, found)
+        there = [*found, *self.unseen]
+        return on_the_beam([p.moved(more[key_of(p)]) if key_of(p) in more else p for p in there])
+
+    def _names(self, parts: Sequence[Part]) -> Names:
+        """Names of the effects among parts, beside what follows the data."""
+        known = {e.name for e in self.unsure} | {p.effect.name for p in self.unseen}
+        return frozenset(p.effect.name for p in on_the_beam(parts)) - known
+
     def over_all_sensors(
         self,
         found: Outcome,
@@ -229,21 +270,26 @@ class BeamRounds(Rounds):
         The beam is simulated with the likeliest effect where it acts, and looked at again, until
         that is what is found. Nothing is told of a place where it is not.
         """
-        agreed = False
+        agreed, place = False, None
         for _ in range(_LISTENED):
             report = found.report
-            if found.trouble or report.verdict == "none" or not report.best.effects:
+            silent = report.verdict == "none" or not report.best.effects
+            if found.trouble or (silent and not self.tolerant):
                 return found, None
             if self.options.over:
                 return found._replace(report=replace(report, interrupted=True)), None
-            asked = self.near(report, _MOST) or [report.best]
-            heard = self.heard(asked, slack)
-            best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
-            place = heard[names_of(best)].place if names_of(best) in heard else None
-            parts, moved = self._placed(best, place)
+            asked = self._asked(report)
             try:
+                heard = self.heard(report, asked, slack)
+                asked = [h for h in asked if names_of(h) in heard or report.best.effects]
+                if self.tolerant:
+                    asked = [report.base, *asked]
+                best = self.likeliest(asked, {names: h.misfit for names, h in heard.items()})
+                said = heard.get(names_of(best))
+                place = None if said is None else said.place
+                parts, moved = self._placed(best, said)
                 loud = any(r.state for r in self.releases)
-                if best.names == report.best.names and not (moved or loud):
+                if best.names == report.best.names and not (moved or loud or self.tolerant):
                     again = self.run(effects_at(self.places), found.corrected, found.parts)
                 else:
                     self.releases = [self._start(i, parts).release for i in range(len(self.raw))]
@@ -287,28 +333,47 @@ class BeamRounds(Rounds):
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         return found._replace(report=replace(report, best=best, rivals=rivals)), place
 
-    def _placed(
-        self, best: Hypothesis, place: PlaceOnBeam | None
-    ) -> tuple[tuple[Part, ...], float]:
-        """An explanation on the beam, where all sensors have its effect; how far that is, m."""
-        parts = self.structure.with_effects(best.parts)
-        movable = [p for p in parts if can_be_anywhere(p.effect)]
-        if place is None:
-            return parts, 0.0
-        (part,) = movable
-        now, usual = place_now(self.seen, part.effect), self.seen.usual
-        at = next((x for x in (usual, now) if place.holds(x)), place.at)
-        if at == now:
-            return parts, 0.0
-        self.told[part.effect.name] = replace(place, at=at)
-        moved = moved_to(self.seen, part, at, self.records[0])
-        return tuple(moved if p is part else p for p in parts), abs(at - now)
+    def _asked(self, report: DiagnosisReport) -> list[Hypothesis]:
+        """Explanations that all sensors are asked of; values alone leave next to nothing."""
+        if report.best.effects:
+            return self.near(report, _MOST) or [report.best]
+        found: dict[Names, Hypothesis] = {}
+        for h in report.compared:
+            if len(h.effects) == 1 and self.structure.with_effects(h.effects):
+                found.setdefault(names_of(h), h)
+        return list(found.values())[:_FEW]
 
-    def heard(self, asked: Sequence[Hypothesis], slack: Latitude) -> dict[Names, Heard]:
-        """What all sensors say of explanations, and of none."""
+    def _placed(self, best: Hypothesis, said: Heard | None) -> tuple[tuple[Part, ...], float]:
+        """An explanation on the beam, as all sensors say that it is; how far it moved, m."""
+        before = Opened.of(best, self.unseen)
+        if said is None:
+            return on_the_beam(before.parts), 0.0
+        apart, place = 0.0, said.place
+        if place is not None:
+            (part,) = (p for p in on_the_beam(before.parts) if can_be_anywhere(p.effect))
+            now, usual = place_now(self.seen, part.effect), self.seen.usual
+            at = next((x for x in (usual, now) if place.holds(x)), place.at)
+            if at != now:
+                self.told[part.effect.name] = replace(place, at=at)
+                moved = moved_to(self.seen, part, at, self.records[0])
+                before, apart = before.with_part(part, moved), abs(at - now)
+        after = before.moved(said.off)
+        self.more = names_of(best), after.changes(before)
+        return on_the_beam(after.parts), apart
+
+    def heard(
+        self, report: DiagnosisReport, asked: Sequence[Hypothesis], slack: Latitude
+    ) -> dict[Names, Heard]:
+        """What all sensors say of explanations, and of values alone.
+
+        Where these were found, and leave noise alone, nothing else is asked.
+        """
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
-        found: list[TriedOnBeam | None] = [self._without(read, slack)]
+        alone = self._without(report.base, read, slack)
+        found: list[TriedOnBeam | None] = [alone]
+        if not report.best.effects and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
+            asked = ()
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
@@ -328,68 +393,71 @@ class BeamRounds(Rounds):
 
         None where it would have to be stronger than the beam bears.
         """
-        parts = self.structure.with_effects(h.parts)
-        movable = [p for p in parts if can_be_anywhere(p.effect)]
+        opened = Opened.of(h, self.unseen)
         try:
-            starts = [self._start(i, parts) for i in range(len(read))]
+            starts = [self._start(i, opened.parts) for i in range(len(read))]
+            ((left, off, begun),) = self._left([(opened, starts)], read, slack)
+            opened = opened.moved(off)  # elsewhere values are nearly the same
+            movable = [p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect)]
             if len(movable) != 1:
-                ((left, _),) = self._left([(parts, starts)], read, slack)
-                return TriedOnBeam(names_of(h), None, left[:, None])
+                return TriedOnBeam(names_of(h), None, left[:, None], off[None])
+            starts = [s._replace(ring=None) for s in begun]
             places = points(self.seen.beam)
             told = self.told.get(movable[0].effect.name)
             if told is not None:
                 places = told.about(places)
-            tried, rings = self._at(places, h, starts, read, slack)
+            tried, several = self._at(places, opened, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
                 (place,) = (heard.place for heard in weigh([tried], read, self.seen))
                 if place is None or not (finer := place.between(tried.points)):
                     break
-                near = rings[int(np.argmin(np.abs(np.subtract(places, place.at))))]
-                begun = [s._replace(ring=r) for s, r in zip(starts, near, strict=True)]
-                tried = tried.joined(self._at(finer, h, begun, read, slack)[0])
+                near = several[int(np.argmin(np.abs(np.subtract(places, place.at))))]
+                tried = tried.joined(self._at(finer, opened, near, read, slack)[0])
         except FAILURES:
             return None
-        return tried
+        return replace(tried, names=names_of(h))
 
     def _at(
         self,
         places: Sequence[float],
-        h: Hypothesis,
+        opened: Opened,
         starts: Sequence[_Begun],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> tuple[TriedOnBeam, list[list[Array]]]:
-        """The beam with an effect that can be anywhere, at some points; what rings at each."""
-        parts = self.structure.with_effects(h.parts)
-        (part,) = (p for p in parts if can_be_anywhere(p.effect))
+    ) -> tuple[TriedOnBeam, list[list[_Begun]]]:
+        """The beam with an effect that can be anywhere, at some points; how it begins at each."""
+        (part,) = (p for p in on_the_beam(opened.parts) if can_be_anywhere(p.effect))
         moved = [moved_to(self.seen, part, at, self.records[0]) for at in places]
-        several = [tuple(m if p is part else p for p in parts) for m in moved]
+        several = [opened.with_part(part, m) for m in moved]
         # The coordinate begins otherwise with the same effect elsewhere, the release is the same.
         begun = [
             [
-                s._replace(state=s.release.state or self._state(i, there))
+                s._replace(state=s.release.state or self._state(i, there.parts))
                 for i, s in enumerate(starts)
             ]
             for there in several
         ]
         heard = self._left(list(zip(several, begun, strict=True)), read, slack)
-        left = np.stack([x for x, _ in heard], axis=1)
-        return TriedOnBeam(names_of(h), np.array(places), left), [rings for _, rings in heard]
+        left, off, starts = zip(*heard, strict=True)
+        names = frozenset({part.effect.name})
+        tried = TriedOnBeam(names, np.array(places), np.stack(left, axis=1), np.array(off))
+        return tried, list(starts)
 
     def _state(self, i: int, parts: Sequence[Part]) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
-        return self.structure.start(self.model, parts, self.smooth[i])
+        return self.structure.start(self.model, on_the_beam(parts), self.smooth[i])
 
     def _left(
         self,
-        several: Sequence[tuple[Sequence[Part], Sequence[_Begun]]],
+        several: Sequence[tuple[Opened, Sequence[_Begun]]],
         read: Sequence[Readings],
         slack: Latitude,
-    ) -> list[tuple[Array, list[Array]]]:
+        measured: Sequence[Array] | None = None,
+    ) -> list[tuple[Array, Array, list[_Begun]]]:
         """What beams with some parts, that begin each record somehow, leave: see `_left`."""
         early = [self._early(i, own) for i, own in enumerate(read)]
-        given = (early, read, slack)
-        tasks = (delayed(_left)(self.seen, parts, starts, *given) for parts, starts in several)
+        given = (early, read, slack, self.tolerant, measured)
+        tasks = (delayed(_left)(self.seen, opened, starts, *given) for opened, starts in several)
         return list(self.parallel(tasks))
 
     def _start(
@@ -410,34 +478,60 @@ class BeamRounds(Rounds):
     def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
         return self.records[i].until(float(read.t[-1])), self.raw[i]
 
-    def _without(self, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
-        """The beam as it is, along the first mode as that was measured."""
-        motions = []
+    def _without(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
+        """The beam with values alone, along the first mode as that was measured."""
+        opened, starts, measured = Opened.of(base, self.unseen), [], []
         for i, own in enumerate(read):
             smooth = self.smooth[i]
             q, q_dot = smooth.motion.start
-            begin = self._start(i, (), (float(q), float(q_dot)))
-            motion = _motion(self.seen, self.seen.beam, *self._early(i, own), begin)
-            measured = smooth.spline(smooth.t[: len(own.t)])[0]
-            q = self.seen.coordinate(motion.readings)
-            same = followed(motion.readings, q, measured, own.t)
-            motions.append(motion._replace(readings=same))
-        return TriedOnBeam(frozenset(), None, left_of(self.seen, read, motions, slack)[:, None])
+            starts.append(self._start(i, opened.parts, (float(q), float(q_dot))))
+            measured.append(smooth.spline(smooth.t[: len(own.t)])[0])
+        ((left, off, _),) = self._left([(opened, starts)], read, slack, measured)
+        return TriedOnBeam(frozenset(), None, left[:, None], off[None])
 
 
 def _left(
     seen: InstrumentedBeam,
-    parts: Sequence[Part],
+    opened: Opened,
     starts: Sequence[_Begun],
     early: Sequence[tuple[Record, Decay]],
     read: Sequence[Readings],
     slack: Latitude,
-) -> tuple[Array, list[Array]]:
-    """What a beam with some parts leaves of all sensors (m,), and what rings in each record."""
-    beam = beam_with(seen.beam, parts)
-    pairs = zip(early, starts, strict=True)
-    motions = [_motion(seen, beam, *own, start) for own, start in pairs]
-    return left_of(seen, read, motions, slack), [m.ring for m in motions]
+    tolerant: bool,
+    measured: Sequence[Array] | None,
+) -> tuple[Array, Array, list[_Begun]]:
+    """What a beam with some parts leaves of all sensors (m,), and how each record begins with them.
+
+    Values that the first mode leaves open are moved until higher modes move as they were measured;
+    ``off`` (n,) is how far. The first mode moves as it was ``measured``, where that is given.
+    """
+    values = opened.values(seen) if tolerant else None
+    best: tuple[Array, Array, list[_Begun]] | None = None
+    for _ in range(_MOVED):
+        beam = beam_with(seen.beam, opened.parts)
+        pairs = zip(early, starts, strict=True)
+        motions = [_motion(seen, beam, *own, start) for own, start in pairs]
+        if measured is not None:
+            rows = zip(motions, measured, read, strict=True)
+            motions = [
+                m._replace(readings=followed(m.readings, seen.coordinate(m.readings), q, r.t))
+                for m, q, r in rows
+            ]
+        found = left_of(seen, read, motions, slack, values)
+        if best is not None and found.left @ found.left >= best[0] @ best[0]:
+            break  # what came nearer stands
+        starts = [s._replace(ring=m.ring) for s, m in zip(starts, motions, strict=True)]
+        best = found.left, opened.off, starts
+        rings = max(float(np.abs(x).max(initial=0.0)) for x in found.more)
+        if values is None or (found.turns < _TURNED and rings < _RINGS):
+            break
+        opened = opened.moved(found.step)
+        values = values._replace(off=opened.off)
+        starts = [s.rung_by(x) for s, x in zip(starts, found.more, strict=True)]
+        if found.turns > _ALIKE:  # what rings more goes with the frequencies of its beam
+            starts = [s._replace(ring=None) for s in starts]
+    assert best is not None
+    return best
 
 
 def _motion(

@@ -29,6 +29,7 @@ _MODES = 3  # that are told apart: of what is let go or hit, higher ones move li
 
 
 _ENERGY = 1e-3  # drift of the energy: 72 dB below the readings where a beam strikes a stop
+_SMALL = 1e-6  # m kg^0.5 / s: of the second mode, for the slope of a damping
 # Samples per cycle, at least: of the first mode, and of the highest that is told apart
 _SAMPLES, _WITHIN = 16, 2.5
 
@@ -50,6 +51,24 @@ class RingingModes(NamedTuple):
     forces: Array  # the same, that move each by one
     displaced: Array  # (n_modes,), kg^0.5 m
     rates: Array  # (n_modes,), kg^0.5 m/s
+
+
+class ModesAtRest(NamedTuple):
+    """Modes about the equilibrium that the sensors tell apart: rad/s, 1/s, (n_modes,) each."""
+
+    omega: Array
+    rates: Array
+
+    @classmethod
+    def of(cls, beam: Beam, count: int) -> ModesAtRest:
+        """Of a beam."""
+        rest, basis = beam.equilibrium().displacement, beam.modes(count=count)
+        still, _ = beam.assembly.residual(rest, np.zeros_like(rest))
+        damping = [
+            np.vdot(beam.assembly.residual(rest, _SMALL * phi)[0] - still, phi) / _SMALL
+            for phi in basis.shapes
+        ]
+        return cls(basis.omega, np.array(damping) / 2)
 
 
 @dataclass(frozen=True, eq=False)

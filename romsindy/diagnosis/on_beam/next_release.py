@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,12 +22,10 @@ from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice
 from romsindy.diagnosis.on_beam.all_sensors import Latitude
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array
-
-_SMALL = 1e-6  # m kg^0.5 / s: of the second mode, for the slope of a damping
 
 
 @dataclass(frozen=True)
@@ -56,24 +53,6 @@ WAYS = (
     ReleaseWay("a hit at 0.7 of the length", 0.7, struck=True),
     ReleaseWay("a hit at the end that is free", 1.0, struck=True),
 )
-
-
-class ModesAtRest(NamedTuple):
-    """Modes about the equilibrium that the sensors tell apart: rad/s, 1/s, (n_modes,) each."""
-
-    omega: Array
-    rates: Array
-
-    @classmethod
-    def of(cls, beam: Beam, count: int) -> ModesAtRest:
-        """Of a beam."""
-        rest, basis = beam.equilibrium().displacement, beam.modes(count=count)
-        still, _ = beam.assembly.residual(rest, np.zeros_like(rest))
-        damping = [
-            np.vdot(beam.assembly.residual(rest, _SMALL * phi)[0] - still, phi) / _SMALL
-            for phi in basis.shapes
-        ]
-        return cls(basis.omega, np.array(damping) / 2)
 
 
 def next_release(

@@ -104,6 +104,25 @@ def ringing(
     return release._replace(ringing=now._replace(displaced=now.displaced + more * q))
 
 
+def rung_by(release: BeamRelease, more: BeamRelease, by: Array) -> BeamRelease:
+    """A release that rings higher modes by so many times, complex, what ``more`` rings them more.
+
+    A part that is imaginary is a quarter of a cycle before.
+    """
+    then = more.ringing
+    assert then is not None
+    now = release.ringing or then._replace(displaced=0 * then.displaced, rates=0 * then.rates)
+    omega = np.sqrt(_norms(then.forces) / _norms(then.momenta))
+    rung = (then.displaced - now.displaced) - 1j * (then.rates - now.rates) / omega
+    rung[: len(by)] *= by
+    displaced, rates = now.displaced + rung.real, now.rates - omega * rung.imag
+    return release._replace(ringing=then._replace(displaced=displaced, rates=rates))
+
+
+def _norms(fields: Array) -> Array:
+    return np.asarray(np.linalg.norm(fields, axis=(1, 2)))
+
+
 class Bending(NamedTuple):
     """The first bending modes of a beam that the sampling shows."""
 

@@ -4,6 +4,9 @@ Many parameters of a beam do the same to one mode: a stiffer material, less dens
 Their changes x, over their standard deviations, have the prior N(0, 1) and move the readings, over
 the noise, by J x. The singular vectors of J are the combinations that the data see; those that move
 nothing stay at zero. A fit knows one strength z for each vector v that is kept, and x = V z.
+
+What the first mode leaves open of these, and of what is missing, higher modes tell: they have
+frequencies and rates that other combinations move. The first mode is then the prior.
 """
 
 from __future__ import annotations
@@ -14,14 +17,17 @@ from functools import cached_property, reduce
 from typing import Any, cast
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import NoEquilibriumError
 from romsindy.diagnosis.evidence import FAR, Hypothesis
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.all_sensors import OpenValues
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
 from romsindy.diagnosis.screening import screen
+from romsindy.diagnosis.structure import key_of
 from romsindy.effects import Gain, Viscous
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
@@ -34,6 +40,7 @@ from romsindy.text import two_digits
 from romsindy.typing import Array
 
 _FELT = 0.3  # a combination that moves the readings by less, in standard deviations, is left out
+_CHANGE = 0.3  # standard errors, for what a change of a value does to higher modes
 _SHIFT = 1e-4  # of a sensor, for a difference, as a part of the length
 
 
@@ -56,6 +63,11 @@ class ParameterDirection(TermEffect, BeamEffect):
     tolerance = 1.0
     fixed_unit = "standard deviations"
     advice = "a second mode, or the deflection under a known weight"
+
+    @property
+    def seen(self) -> bool:
+        """Whether the records see it."""
+        return self.felt > _FELT
 
     @cached_property
     def direction(self) -> Combination:
@@ -116,15 +128,18 @@ def position_error(seen: InstrumentedBeam, deviation: float) -> PositionError:
 
 def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
     """Errors of the gains of sensors that are each off by a standard deviation, m, (n_sensors,)."""
+    return np.asarray(np.abs(deviation * slopes(seen)[:, 0] / seen.shapes[:, 0]))
+
+
+def slopes(seen: InstrumentedBeam) -> Array:
+    """Of the mode shapes at the sensors, per m along the beam, (n_sensors, n_modes)."""
     modes = seen.shapes.shape[1]
     step = _SHIFT * seen.beam.length
-    inwards = [
-        replace(s, at=s.at + (step if s.at + step < seen.beam.length else -step))
-        for s in seen.sensors.sensors
-    ]
+    at = np.array([s.at for s in seen.sensors.sensors])
+    steps = np.where(at + step < seen.beam.length, step, -step)
+    inwards = [replace(s, at=s.at + x) for s, x in zip(seen.sensors.sensors, steps, strict=True)]
     there = seen.beam.sensors(inwards).mode_shapes(seen.basis, modes)
-    slope = np.abs(there[:, 0] - seen.shapes[:, 0]) / step
-    return np.asarray(deviation * slope / np.abs(seen.shapes[:, 0]))
+    return np.asarray((there - seen.shapes) / steps[:, None])
 
 
 def directions(
@@ -133,19 +148,16 @@ def directions(
     parameters: Sequence[ParameterEffect],
     deviations: Array,
 ) -> tuple[ParameterDirection, ...]:
-    """The combinations of parameters that the records see, the best seen first.
+    """The combinations of parameters, those that the records see best first.
 
     ``deviations`` (n_parameters,) are their standard deviations.
     """
     seen = _information(model, records, parameters) * np.multiply.outer(deviations, deviations)
     squares, vectors = np.linalg.eigh(seen)
-    order = [i for i in np.argsort(-squares) if squares[i] > _FELT**2]
-    known = tuple(parameters)
+    known, felt = tuple(parameters), np.sqrt(np.clip(squares, 0.0, None))
     return tuple(
-        ParameterDirection(
-            known, deviations, vectors[:, i], float(np.sqrt(squares[i])), f"tolerances_{n}"
-        )
-        for n, i in enumerate(order, 1)
+        ParameterDirection(known, deviations, vectors[:, i], float(felt[i]), f"tolerances_{n}")
+        for n, i in enumerate(np.argsort(-squares), 1)
     )
 
 
@@ -243,3 +255,75 @@ def linear(parts: Sequence[Part]) -> bool:
     """Whether effects change a beam at all amplitudes alike."""
     kinds = (DampingEffect, ParameterEffect, ParameterDirection)
     return all(isinstance(p.effect, kinds) or p.effect.name == Viscous.name for p in parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """Parts on a beam, and how far their strengths may be from what its first mode says."""
+
+    parts: tuple[Part, ...]
+    units: Array  # (n,), of the strengths: their standard errors
+    known: Array  # (m, n), see `OpenValues`
+    off: Array  # (n,), how far they were moved, in their units
+
+    @classmethod
+    def of(cls, h: Hypothesis, unseen: Sequence[Part]) -> Opened:
+        """Of what was fitted to the first mode, and of parts that move it by nothing.
+
+        Shape values stay as they are.
+        """
+        slices = h.solution.slices()
+        pairs = zip(h.parts, slices, strict=True)
+        rows = [(p, own) for p, own in pairs if isinstance(p.effect, BeamEffect)]
+        values = [i for _, own in rows for i in range(own.start, own.stop)]
+        first = np.cumsum([0, *(p.size for p, _ in rows)])[:-1]
+        covariance = h.covariance[np.ix_(values, values)]
+        errors = np.sqrt(np.diag(covariance))
+        size = np.where(errors > 0, errors, 1.0)
+        information = np.linalg.pinv(covariance / np.outer(size, size), hermitian=True)
+        squares, vectors = np.linalg.eigh(information[np.ix_(first, first)])
+        root = np.sqrt(np.clip(squares, 0.0, None))[:, None] * vectors.T
+        parts = (*(p for p, _ in rows), *unseen)
+        units = np.append(errors[first], np.ones(len(unseen)))
+        return cls(parts, units, block_diag(root, np.eye(len(unseen))), np.zeros(len(units)))
+
+    def moved(self, step: Array) -> Opened:
+        """The same with strengths moved by a step, in their units, as far as they can be."""
+        parts = tuple(
+            p.moved(np.append(x, np.zeros(p.size - 1)))
+            for p, x in zip(self.parts, step * self.units, strict=True)
+        )
+        gone = [
+            (q.values - p.values)[0] / unit if unit else 0.0
+            for p, q, unit in zip(self.parts, parts, self.units, strict=True)
+        ]
+        return replace(self, parts=parts, off=self.off + gone)
+
+    def with_part(self, before: Part, after: Part) -> Opened:
+        """The same with one of the parts elsewhere on the beam."""
+        larger = abs(float(after.values[0] / before.values[0]))
+        parts = tuple(after if p is before else p for p in self.parts)
+        units = self.units * [larger if p is before else 1.0 for p in self.parts]
+        return replace(self, parts=parts, units=units)
+
+    def changes(self, since: Opened) -> dict[tuple[str, str], Array]:
+        """By how much values changed, by the keys of their parts."""
+        pairs = zip(since.parts, self.parts, strict=True)
+        return {key_of(after): after.values - before.values for before, after in pairs}
+
+    def values(self, seen: InstrumentedBeam) -> OpenValues:
+        """What they do to the higher modes of the beam about its equilibrium."""
+        count = seen.shapes.shape[1]
+
+        def modes(parts: Sequence[Part]) -> Array:
+            # Forces that are no springs and dampers have no rate there.
+            found = ModesAtRest.of(beam_with(seen.beam, [p for p in parts if linear([p])]), count)
+            return np.stack([np.log(found.omega), found.rates], axis=1)[1:].ravel()
+
+        here, slopes = modes(self.parts), np.zeros((2 * (count - 1), len(self.parts)))
+        for i, e in enumerate(np.eye(len(self.parts))):
+            for step in (_CHANGE, -_CHANGE):  # one that is at its limit can but go back
+                if there := float((tried := self.moved(step * e)).off[i] - self.off[i]):
+                    slopes[:, i] = (modes(tried.parts) - here) / there
+                    break
+        return OpenValues(slopes, self.known, self.off)

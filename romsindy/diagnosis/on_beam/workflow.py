@@ -30,7 +30,13 @@ from romsindy.diagnosis.on_beam.parameters import (
 from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.within_tolerances import directions, position_error, position_gains
+from romsindy.diagnosis.on_beam.within_tolerances import (
+    ParameterDirection,
+    directions,
+    position_error,
+    position_gains,
+    slopes,
+)
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.tolerance_sources import of_references
@@ -38,8 +44,9 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.arguments import free_names
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.fit.results.fitted import refined
 from romsindy.physics.model import ReducedModel
@@ -98,12 +105,16 @@ def diagnose_beam(
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
+    unseen = [e for e in unsure if isinstance(e, ParameterDirection) and not e.seen]
+    unsure = [e for e in unsure if e not in unseen]
     start = None if load is None else BeamRelease(load)
     try:
         options, form = _known_errors(seen, model, known, start, options)
         starts: list[BeamRelease | None] = [start] * len(records)
         given = (raw, held_out is not None, unsure, general, options, starts, form)
         rounds = BeamRounds(OnBeam(seen), diagnose_model, model, records, *given)
+        rounds.unseen = tuple(Part.of(e, scales(records), len(records)) for e in unseen)
+        rounds.tolerant = bool(near.keys() - {"sensor_positions"})
         before = rounds.begin()
     except FAILURES as error:
         raise ValueError(
@@ -115,9 +126,11 @@ def diagnose_beam(
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
     damping = near.get("mass_damping", 0.0), near.get("material_damping", 0.0)
-    slack = Latitude.of(seen, doubtful, damping, position_gains(seen, off or 0.0))
+    places = (off or 0.0) * slopes(seen)
+    slack = Latitude.of(seen, doubtful, damping, places)
+    beside = Latitude.of(seen, (), (0.0, 0.0), places)  # what values do is known where they move
     first = rounds.run(effects, *rounds.near_the_records(effects, before))
-    found, place = rounds.over_all_sensors(first, effects_at, slack)
+    found, place = rounds.over_all_sensors(first, effects_at, beside)
     found = found._replace(report=rounds.no_less(found.report)).or_before(before)
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
