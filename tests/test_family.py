@@ -146,7 +146,8 @@ def test_the_recipe_of_a_family_needs_no_place(seen):
     rivals = said(whole), said(point)
     family = EffectFamily("linear damping", 0.005, 0.007, 1e-5, rivals)
     given = {"parts": (point,), "faults": (), "sensor_errors": (), "slack": None, "seen": seen}
-    reduced = SimpleNamespace(family=family, best=rivals[1], verdict="ambiguous", effects=())
+    said_of = {"verdict": "ambiguous", "refused": False, "effects": ()}
+    reduced = SimpleNamespace(family=family, best=rivals[1], **said_of)
     found = BeamReport(reduced=reduced, **given)
     assert found.recipe.endswith("beam = beam.with_effect(MassDamping(change=0.1))")
     assert found.model.alpha == pytest.approx(0.5) and found.not_there == ()

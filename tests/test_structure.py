@@ -223,6 +223,8 @@ def test_what_cannot_be_asked_of_arrays_is_refused(tmp_path):
         structure.reduce(1, 1.0)
     with pytest.raises(ValueError, match="node 5 of arrays is not free in direction 2"):
         structure.reduce(1, sensor=(5, 2))
+    with pytest.raises(ValueError, match="node 'TIP' is no number"):
+        structure.reduce(1, sensor=("TIP", 2))
     np.savez(tmp_path / "a.npz", mass=np.eye(3))
     with pytest.raises(ValueError, match="there is no array 'shapes'"):
         load_structure(tmp_path / "a.npz")

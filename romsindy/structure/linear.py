@@ -55,7 +55,7 @@ class LinearModel:
     coordinates: Mapping[int, Array]  # (3,) by number of the node
     notes: tuple[str, ...] = ()
     faces: Sequence[tuple[int, ...]] = field(default=(), repr=False)  # nodes of outer faces
-    node_of: Callable[[str], int] = int
+    node_of: Callable[[str], int] = field(default=lambda name: _number_of(name), repr=False)
 
     def __repr__(self) -> str:
         hz = ", ".join(f"{w / (2 * np.pi):.4g}" for w in self.omega[:5])
@@ -105,6 +105,13 @@ class Basis(NamedTuple):
     known: Matrices
     omega: Array  # (k,), rad/s
     shapes: Array  # (k, n), mass-normalised
+
+
+def _number_of(name: str) -> int:
+    """A node by its number; raises a ValueError for a name, of which arrays have none."""
+    if not name.isdigit():
+        raise ValueError(f"node {name!r} is no number: a structure of arrays has no sets of nodes")
+    return int(name)
 
 
 def linear_modes(name: str, known: Matrices, count: int) -> Basis:
