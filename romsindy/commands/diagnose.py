@@ -279,8 +279,8 @@ def diagnose(
     The simulation is a model (--model), a simulated decay (--simulated), a program that simulates
     one after a release (--simulator), or a beam (--beam) or a finite-element deck (--deck) with a
     measured column for each sensor. A model of several coordinates is compared with all that rings
-    in one column or more. Of a beam, omega^2 and c_linear stand for the bending stiffness and the
-    damping in proportion to mass.
+    in one column or more. Of a beam, omega^2 and c_linear stand for bending stiffness and
+    damping by the mass.
     Measured files are read as identify reads them, one decay of every release: level, hold and
     tail are taken off, but nothing is filtered, and no mode isolated unless --mode or --band asks
     for it. With --input the records of a model are vibrations that measured inputs drive. The
