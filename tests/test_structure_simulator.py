@@ -70,6 +70,20 @@ def test_a_spring_and_a_damper_at_the_first_sensor_are_those_of_the_matrices():
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
 
 
+def test_a_force_may_act_elsewhere_than_at_a_sensor():
+    """A spring at the third mass, let go by a force at the first: the matrices again."""
+    structure, k = _structure(), 30.0
+    x = structure.simulator(SENSORS, point=(3, 1)).simulate(0.1, T, lambda t, x, v: -k * x)
+    phi = structure.shapes[:, [structure.freedom(*s) for s in (*SENSORS, (3, 1))]]
+    stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 2], phi[:, 2])
+    square, turn = np.linalg.eigh(stiffness)
+    held = phi[:, 0] / OMEGA**2
+    held *= 0.1 / (held @ phi[:, 0])
+    waves = np.cos(np.outer(T, np.sqrt(square))) * (held @ turn)
+    expected = waves @ turn.T @ phi[:, :2]
+    assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
 def test_nonlinear_motion_is_that_of_the_reduced_equation():
     """Held by the mode alone, one mode swings: its equation has the frequency by quadrature."""
     structure = _structure(cubic=200.0, follows=0.4)

@@ -118,7 +118,7 @@ def _deck(text: str, file: Path, given: DeckFile) -> str:
         remarks.append(f"force on the node, N, of x (m) and v (m/s): {force}")
         if force(0.0, 0.0, 1e-3):
             remarks.append("its part that damps has no element in *DYNAMIC: it is not in this deck")
-    deck, (node, direction) = Deck.load(given.file), given.sensors[0]
+    deck, (node, direction) = Deck.load(given.file), given.point
     holds = force is not None and any(force(0.0, x, 0.0) for x in (-1e-3, 1e-3))
     found = Correction(
         node=deck.node(node),

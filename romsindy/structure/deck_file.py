@@ -20,7 +20,7 @@ else:
     import tomli as tomllib
 
 _MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3}
-_TABLES = ("deck", "damping", "release", "sensors", "tolerances")
+_TABLES = ("deck", "damping", "force", "release", "sensors", "tolerances")
 # Where nothing is said of the damping it is found: a ratio, and a relative standard deviation.
 _UNSTATED = 0.01, 3.0
 
@@ -37,6 +37,7 @@ class DeckFile:
     store: Path
     sensors: tuple[tuple[str, int], ...]  # node and direction
     columns: tuple[str, ...]  # of the measured files, in the order of the sensors
+    point: tuple[str, int]  # where what is missing acts
     damping: Damping
     held_by: str
     parameters: Mapping[str, tuple[float, float]]  # values that may be off, with tolerances
@@ -48,7 +49,8 @@ class DeckFile:
         ``[deck]`` has ``file`` (beside the TOML file), ``range`` in its unit of length, and if need
         be ``mode``, ``units`` ("mm,t,s"), ``ccx`` and ``store``; ``[sensors]`` has ``nodes``, such
         as "412:3" or "TIP:3", and as many ``columns`` of the measured files: at the first the
-        structure is let go, and what is missing acts. ``[damping]`` has ``damping_ratio``, or
+        structure is let go. ``[force]`` has ``node``, where what is missing acts, by default at
+        the first sensor. ``[damping]`` has ``damping_ratio``, or
         ``alpha`` and ``beta``; without it the ratio is found. ``[release]`` has ``held_by``: a
         "force" at the first sensor, or the "mode". ``[tolerances]`` has relative standard
         deviations of "modulus", "density" and the damping.
@@ -86,6 +88,7 @@ class DeckFile:
             self.sensors,
             self.reach,
             self.mode,
+            point=self.point,
             damping=self.damping,
             held_by=self.held_by,
             units=self.units,
@@ -100,6 +103,9 @@ def _read(path: Path, content: Mapping[str, Any]) -> DeckFile:
     damping, stated = _damping(entries.table("[damping]", content.get("damping", {})))
     release = entries.table("[release]", content.get("release", {}))
     refuse_unknown("[release]", release, ("held_by",))
+    force = entries.table("[force]", content.get("force", {}))
+    refuse_unknown("[force]", force, ("node",))
+    acts = entries.text("[force] node", force["node"]) if "node" in force else None
     parameters = _parameters(entries.table("[tolerances]", content.get("tolerances", {})), damping)
     file = path.parent / entries.text("[deck] file", deck["file"])
     store = entries.text("[deck] store", deck.get("store", f"{file.stem}.cases.npz"))
@@ -112,6 +118,7 @@ def _read(path: Path, content: Mapping[str, Any]) -> DeckFile:
         store=path.parent / store,
         sensors=nodes,
         columns=columns,
+        point=nodes[0] if acts is None else sensor_of("[force] node:", acts),
         damping=damping,
         held_by=entries.text("[release] held_by", release.get("held_by", HELD_BY[0])),
         parameters=parameters if stated else {"damping_ratio": _UNSTATED, **parameters},

@@ -65,7 +65,9 @@ class StructureSimulator:
     curve : HeldCurve
         Shapes along the mode that is kept.
     sensors : sequence of int
-        Rows of the freedoms that are measured; a force acts at the first.
+        Rows of the freedoms that are measured; at the first the structure is let go.
+    point : int
+        Row of the freedom at which a force acts.
     damping : Damping
         Of all modes.
     rings : sequence of int
@@ -80,6 +82,7 @@ class StructureSimulator:
     structure: LinearModel
     curve: HeldCurve
     sensors: Sequence[int]
+    point: int
     damping: Damping
     rings: Sequence[int]
     held_by: str
@@ -109,7 +112,7 @@ class StructureSimulator:
         release : float
             Displacement of the first sensor, m.
         force : callable, optional
-            Of time, displacement (m) and velocity (m/s) of the first sensor, N.
+            Of time, displacement (m) and velocity (m/s) of the point, N.
         modulus, density : float
             Over those of the deck, of all its materials.
         damping : float
@@ -176,7 +179,7 @@ class StructureSimulator:
         self, force: Force | None, stiffer: float, density: float, damping: Array
     ) -> Callable[[float, Array], Array]:
         """Accelerations (m,) beside those of the linear modes, at a time and a state (2, m)."""
-        row = self.sensors[0]
+        row = self.point
         phi, shape = self._shapes[:, row], self.curve.mode.shape[row]
         own, linear = damping[0], stiffer * self.curve.omega2
         curve, units = self.curve.at_point(row), self.units

@@ -229,6 +229,7 @@ class Structure(LinearModel):
         reach: float | None = None,
         mode: int = 1,
         *,
+        point: tuple[int | str, int] | None = None,
         damping: Damping | float = 0.0,
         rings: int = _RING,
         held_by: str = "force",
@@ -241,9 +242,11 @@ class Structure(LinearModel):
         ----------
         sensors : sequence of (node, direction)
             Where displacements were measured, in the order of the channels; at the first the
-            structure is let go, and what is missing acts.
+            structure is let go.
         mode, reach, tolerance
             As for `static_curve`.
+        point : (node, direction), optional
+            Where what is missing acts.  [default: the first sensor]
         damping : Damping or float
             Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
             values of the simulator, as are "modulus" and "density" over those of the model.
@@ -263,10 +266,11 @@ class Structure(LinearModel):
         if not sensors:
             raise ValueError("sensors = []: say where the decays were measured, such as [(412, 3)]")
         rows = [self.freedom(*sensor) for sensor in sensors]
+        acts = rows[0] if point is None else self.freedom(*point)
         found = self.static_curve(mode, reach, tolerance)
         seen = np.abs(self.shapes[:, rows]).max(axis=1) > _SEEN * np.abs(self.shapes).max(axis=1)
         others = [
             i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
         ]
         given = stated, others[:rings], held_by, units or Units()
-        return StructureSimulator(self, found.curve, rows, *given)
+        return StructureSimulator(self, found.curve, rows, acts, *given)
