@@ -23,6 +23,7 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import (
     chi_squared,
     left_of,
 )
+from romsindy.diagnosis.on_simulator.workflow import _shape
 from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
@@ -198,7 +199,7 @@ def two_modes_cut(since, other=0.2):
     noise = 0.01 * clean.std(axis=0) * np.random.default_rng(5).standard_normal(clean.shape)
     decay, first = rs.Decay(t, clean + noise, unit="m"), 1 + other * OTHER_SHAPE[0]
     simulator = Simulator(lambda release, t: two_modes(release / first, t, other=other), "two")
-    seen = OnSimulator(simulator, SHAPE, {}, released=[(first, 1.0)])
+    seen = OnSimulator(simulator, SHAPE, SHAPE / (SHAPE @ SHAPE), {}, released=[(first, 1.0)])
     return seen, Record.of(seen.decay(decay), 1e-6), decay, clean
 
 
@@ -555,6 +556,24 @@ def test_a_value_without_tolerance_is_told_where_others_leave_more_than_noise():
     (effect,) = report.effects
     assert abs(effect.values["strength"] - 0.056) < 3 * effect.standard_errors["strength"] < 0.006
     assert max(e.after for e in report.sensor_errors) < 1.1
+
+
+@pytest.mark.parametrize("n_sensors", [2, 3])
+def test_other_modes_do_not_show_in_the_coordinate(n_sensors):
+    """Two modes with known shapes ring in some channels: the weights see one and not the other."""
+    first, second = np.array([1.0, 0.3, 0.1])[:n_sensors], np.array([1.0, -0.7, 0.6])[:n_sensors]
+    t = np.arange(2500) / 500
+    waves = [a * np.exp(-0.2 * t) * np.cos(w * t) for a, w in ((1.0, 50), (0.2, 330))]
+    shape, reading = _shape(np.outer(waves[0], first) + np.outer(waves[1], second))
+    # The two are uncorrelated over many cycles but for the part of one at either end.
+    assert shape == pytest.approx(first, abs=0.01)
+    assert reading @ first == pytest.approx(1.0, abs=0.01) and abs(reading @ second) < 0.01
+
+
+def test_channels_that_move_as_one_are_read_by_least_squares():
+    t = np.arange(2500) / 500
+    shape, reading = _shape(np.outer(np.cos(50 * t), [1.0, 0.5]))
+    assert shape == pytest.approx([1.0, 0.5]) and reading == pytest.approx([0.8, 0.4])
 
 
 def test_a_simulator_of_other_units_is_told_by_its_frequency():

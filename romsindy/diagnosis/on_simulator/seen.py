@@ -119,6 +119,7 @@ class OnSimulator:
 
     simulator: Simulator
     shape: Array  # (n_sensors,), of the slow mode at the channels, 1 at the first
+    reading: Array  # (n_sensors,), weights of the channels in the coordinate
     values: Mapping[str, float]  # as they were assumed
     # What a force at its point does to the coordinate; None where it takes none
     scale: ForceScale | None = None
@@ -134,11 +135,11 @@ class OnSimulator:
         return f"simulator {self.simulator.name}"
 
     def coordinate(self, displacements: Array) -> Array:
-        """The coordinate of displacements (..., n_sensors), by least squares, unit of the records.
+        """The coordinate of displacements (..., n_sensors), unit of the records.
 
-        What is orthogonal to the shape does not show.
+        Other modes do not show in it, as far as the channels tell them apart.
         """
-        return np.asarray(displacements @ self.shape / (self.shape @ self.shape))
+        return np.asarray(displacements @ self.reading)
 
     def decay(self, readings: Decay) -> Decay:
         """What all channels measured as a decay of the coordinate."""

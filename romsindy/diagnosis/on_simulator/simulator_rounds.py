@@ -85,13 +85,16 @@ class SimulatorRounds(Rounds):
             for r, c, beside in zip(self.records, found, left, strict=True)
         ]
 
-    def with_values_of_simulator(
-        self, report: DiagnosisReport, parts: Sequence[Part]
-    ) -> DiagnosisReport:
-        """The same with the values that its best has in the simulator."""
+    def with_values_of_simulator(self, outcome: Outcome) -> DiagnosisReport:
+        """Its report with the values that its best has in the simulator."""
+        report, parts = outcome.report, outcome.parts
         found = {key_of(p): p.values for p in report.best.parts}
         more = {key_of(p): p.values - found[key_of(p)] for p in parts if key_of(p) in found}
-        given = (report.best.weighed, more, self.variances)
+        asked = set(self.variances) == {key_of(p) for p in parts}
+        # What is left beside noise is not known to be without a say in the values.
+        left = max(self.own_error(outcome.corrected), 1.0) ** 2 if asked else 1.0
+        variances = {key: x * left for key, x in self.variances.items()}
+        given = (report.best.weighed, more, variances, asked)
         best = replace(report.best, weighed=InSimulator(*given))
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         return replace(report, best=best, rivals=rivals) if more else report
@@ -438,6 +441,7 @@ class InSimulator(Amended):
 
     more: Mapping[tuple[str, str], Array]
     variances: Mapping[tuple[str, str], Array]  # by all sensors, where these were asked
+    asked: bool  # of just these values: the coordinate alone tells less of them
 
     def amended(self, found: Solved) -> Solved:
         there = [
@@ -447,7 +451,12 @@ class InSimulator(Amended):
         covariance, first = found.covariance.copy(), 0
         for part in found.parts:
             own = np.arange(first, first + part.size)
-            least = self.variances.get(key_of(part), np.zeros(part.size))
-            covariance[own, own] = np.maximum(covariance[own, own], least)
             first += part.size
+            alone = np.diag(covariance)[own].copy()
+            sure = self.asked and isinstance(part.effect, ValueEffect)
+            told = self.variances.get(key_of(part), alone)
+            wanted = told if sure else np.maximum(alone, told)
+            size = np.sqrt(np.divide(wanted, alone, out=np.ones_like(alone), where=alone > 0))
+            covariance[own] *= size[:, None]
+            covariance[:, own] *= size
         return found._replace(parts=tuple(there), covariance=covariance)

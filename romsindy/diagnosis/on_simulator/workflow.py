@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import eigh
 
 from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
@@ -40,6 +41,9 @@ _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_TOGETHER = 1e-4  # of the largest motion: what channels do beside it, at least, tells modes apart
+_LOUDER = 3.0  # times the noise, at the most, where other modes do not show
+_VIBRATES = 6  # crossings: what has fewer is no vibration, and is refused as that
 _OTHER_RATE = 5.0  # times the frequency: no value that is known to some per cent makes that
 _STEP = 0.01  # of a value, for what a change of it does
 
@@ -93,7 +97,7 @@ def diagnose_simulator(
         ) from error
     found = rounds.over_all_sensors(rounds.run((), before)).or_before(before)
     report = SimulatorReport(
-        reduced=rounds.with_values_of_simulator(found.report, found.parts),
+        reduced=rounds.with_values_of_simulator(found),
         parts=found.parts,
         sensor_errors=(),
         trouble=found.trouble,
@@ -182,7 +186,7 @@ def _reduced(
     simulator.check_again(release, t, n, values)
     answers = [largest]
     try:
-        on = OnSimulator(simulator, _shape(largest.displacements), values)
+        on = OnSimulator(simulator, *_shape(largest.displacements), values)
         for release in _below(on, largest, least):
             options.progress(f"simulator {simulator.name}: released from {release:.4g}")
             answers.append(simulator.decay(release, t, n, values=values))
@@ -204,8 +208,9 @@ def _reduced(
 def _check_rate(simulator: Simulator, answer: SimulatedDecay, rate: float) -> None:
     """Raise a ValueError for a motion that is by far faster or slower than the records."""
     x = answer.displacements[:, 0] - answer.displacements[:, 0].mean()
-    own = np.pi * np.count_nonzero(np.diff(np.signbit(x))) / float(answer.t[-1])
-    if not 1 / _OTHER_RATE < own / rate < _OTHER_RATE:
+    crossings = np.count_nonzero(np.diff(np.signbit(x)))
+    own = np.pi * crossings / float(answer.t[-1])
+    if crossings >= _VIBRATES and not 1 / _OTHER_RATE < own / rate < _OTHER_RATE:
         raise ValueError(
             f"simulator {simulator.name} vibrates at about {own / (2 * np.pi):.3g} Hz, the records"
             f" at {rate / (2 * np.pi):.3g} Hz: check its units (of a deck mm,t,s or m,kg,s), its"
@@ -220,8 +225,15 @@ def _reach(record: Record) -> float:
     return float(first[np.argmax(np.abs(first))])
 
 
-def _shape(x: Array) -> Array:
-    """Shape (n_sensors,) of what moves most in displacements (n, n_sensors), 1 at the first."""
+def _shape(x: Array) -> tuple[Array, Array]:
+    """Shape (n_sensors,) of what moves most in displacements (n, n_sensors), 1 at the first.
+
+    Beside it, weights of the channels in which other modes do not show: by smooth orthogonal
+    decomposition [1], where noise does not grow by much for it, else by least squares.
+
+    [1] D. Chelidze, W. Zhou, "Smooth orthogonal decomposition-based vibration mode
+        identification", J. Sound Vib. 292 (2006), doi 10.1016/j.jsv.2005.08.006.
+    """
     later = x[len(x) // 3 :]  # fast modes die first
     _, _, modes = np.linalg.svd(later - later.mean(axis=0), full_matrices=False)
     if abs(modes[0, 0]) < _MOVES * np.abs(modes[0]).max():
@@ -229,7 +241,21 @@ def _shape(x: Array) -> Array:
             "the first channel hardly moves in the simulation: give one first that moves more,"
             " for a release is its displacement"
         )
-    return np.asarray(modes[0] / modes[0, 0])
+    shape = modes[0] / modes[0, 0]
+    plain = shape / (shape @ shape)
+    away = x - x.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(away, full_matrices=False)
+    axes = axes[sizes > _TOGETHER * sizes[0]]  # channels that move as one tell no modes apart
+    moved = away @ axes.T
+    fast = np.gradient(moved, axis=0)
+    apart = axes.T @ eigh(fast.T @ fast, moved.T @ moved)[1]  # weights, a column for each mode
+    shapes = np.linalg.pinv(apart)
+    loudest = int(np.argmax(np.std(away @ apart, axis=0) * np.linalg.norm(shapes, axis=1)))
+    first = shapes[loudest, 0]
+    reading, own = apart[:, loudest] * first, shapes[loudest] / first
+    if np.linalg.norm(reading) > _LOUDER * np.linalg.norm(plain):
+        return shape, plain
+    return np.asarray(own), np.asarray(reading)
 
 
 def _below(on: OnSimulator, largest: SimulatedDecay, least: float) -> Iterator[float]:
