@@ -186,7 +186,10 @@ def _over(
     pairs = list(zip(found.records, records, strict=True))
     if found.cycles == cycles and all(own.noise is other.noise for own, other in pairs):
         return found
-    return fitted(found.stage, found.with_noise_of(records).records, cycles)
+    heard = found.with_noise_of(records)
+    again = fitted(found.stage, heard.records, cycles)
+    # What loses the motion where the noise is another one stands as it was fitted.
+    return heard if again is None and found.cycles == cycles else again
 
 
 def _pass(found: FittedPieces) -> None:
