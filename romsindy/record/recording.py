@@ -97,8 +97,10 @@ def uniform_times(t: Array) -> tuple[Array, str]:
 
 def _only_rounded(t: Array) -> bool:
     """Whether times (n,) are those of an even grid but for digits that were left out."""
-    scaled = (10.0**d * t for d in range(_DIGITS + 1))
-    whole = next((s for s in scaled if np.all(np.abs(s - np.rint(s)) < 1e-3)), None)
+    last = 8 * np.finfo(float).eps * float(np.abs(t).max())  # to which a decimal is kept
+    digits = (10.0**d for d in range(_DIGITS + 1))
+    off = ((s, np.abs(s * t - np.rint(s * t))) for s in digits)
+    whole = next((np.rint(s * t) for s, x in off if np.all(x <= s * last)), None)
     if whole is None:
         return False
     k = np.arange(len(t)) - (len(t) - 1) / 2
