@@ -346,3 +346,16 @@ def test_options_that_cannot_be_meant(deck, given, words, monkeypatch, tmp_path)
     done = CliRunner().invoke(main, ["reduce", str(deck), *given])
     assert done.exit_code == 2 and words in done.output
     assert deck.read_bytes() == before
+
+
+def test_no_output_replaces_what_a_deck_includes(deck, monkeypatch, tmp_path):
+    """Nor the file that keeps its cases, though no option names it."""
+    monkeypatch.chdir(tmp_path)
+    head, _, rest = deck.read_text().partition("*MATERIAL")
+    (tmp_path / "material.inc").write_text("*MATERIAL" + rest)
+    (tmp_path / "main.inp").write_text(head + "*INCLUDE, INPUT=material.inc\n")
+    for output in ("material.inc", "main.cases.npz"):
+        given = ["reduce", "main.inp", "--range", "1", "--save", output, "--force"]
+        done = CliRunner().invoke(main, given)
+        assert done.exit_code == 2 and "no output replaces an input" in done.output, done.output
+    assert (tmp_path / "material.inc").read_text() == "*MATERIAL" + rest

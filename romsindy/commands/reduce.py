@@ -13,11 +13,13 @@ from romsindy.commands.outputs import (
     Output,
     WritingCommand,
     default_page,
+    keep_inputs,
     told,
     write_json,
     writing,
 )
 from romsindy.structure.arrays import KINDS, load_structure
+from romsindy.structure.deck import Deck
 from romsindy.structure.deck_file import sensor_of, unit_names
 from romsindy.structure.store import MARK
 from romsindy.structure.structure import Structure
@@ -124,11 +126,15 @@ def reduce(
             " of length, such as one or two thicknesses"
         )
     else:
+        keep_inputs(Deck.load(deck).files)
+        if store is None:
+            store = Path(f"{deck.stem}.cases.npz")
+            keep_inputs({"what is kept of the deck": store})
         structure = Structure.from_calculix(
             deck,
             ccx=ccx,
             folder=folder,
-            store=store or Path(f"{deck.stem}.cases.npz"),
+            store=store,
             n_jobs=jobs,
             modes=max(_MODES, mode + _HIGHER),
             progress=not quiet,

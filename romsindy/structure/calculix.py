@@ -109,7 +109,7 @@ class CalculiX:
     def held(self, deck: Deck, known: Matrices, load: Array, factors: Sequence[float]) -> HeldCases:
         """Shapes held by multiples of a load (n,), walked from the first factor on.
 
-        They end where CalculiX finds no further equilibrium, or was interrupted.
+        They end where CalculiX finds no further equilibrium.
 
         Raises a DeckError where it refuses the deck.
         """

@@ -113,6 +113,13 @@ class Deck:
         return deck
 
     @property
+    def files(self) -> dict[str, Path]:
+        """Files that it was read from, by what they are."""
+        others = {c.source[0] for c in self.cards} - {self.path}
+        included = {f"included by the deck ({path.name})": path for path in sorted(others)}
+        return {"the deck": self.path, **included}
+
+    @property
     def lines(self) -> list[str]:
         """Lines of the file itself, as they stand."""
         return _lines(self.path)

@@ -11,6 +11,7 @@ from typing import Any
 from romsindy.physics import validation as entries
 from romsindy.physics.validation import refuse_unknown
 from romsindy.record.units import parse_unit
+from romsindy.structure.deck import Deck
 from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
 from romsindy.structure.structure import Structure
 
@@ -70,8 +71,8 @@ class DeckFile:
 
     @property
     def inputs(self) -> dict[str, Path]:
-        """Files that it names, by what they are."""
-        return {"the deck": self.file, "what is kept of the deck": self.store}
+        """Files that it names, and that the deck includes, by what they are."""
+        return {**Deck.load(self.file).files, "what is kept of the deck": self.store}
 
     def simulator(self, *, n_jobs: int = 1, progress: bool = True) -> StructureSimulator:
         """The deck as a simulator, held by CalculiX; what is kept is not computed again.
