@@ -43,6 +43,8 @@ _FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
 _LISTENED = 2  # times that all sensors are heard, each with the best so far in the simulator
 _MOST = 3  # explanations that they are heard of: the best, and two that are simulated
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
+# Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
+_DETUNED = 2e-3
 
 
 @dataclass(eq=False)
@@ -393,13 +395,14 @@ def left_of(
 
     Columns (m, 1 + n_sensors) over the noise; the first mode has a ``rate``, rad/s. Other modes may
     ring by more, and be elsewhere in their cycle: by any amount where the record was cut, else as
-    far as a release is known.
+    far as a release is known. Their frequencies may be others by a little.
     """
     first = FirstMode.of(seen.coordinate(motion), motion, read.t)
     rung = motion - first.readings
-    turned = np.gradient(rung, axis=0)
-    turned *= np.linalg.norm(rung) / max(float(np.linalg.norm(turned)), 1e-300)
+    later = np.gradient(rung, read.t, axis=0)
+    turned = later * np.linalg.norm(rung) / max(float(np.linalg.norm(later)), 1e-300)
     errors, free = first.errors(read.t, rate), [rung, turned]
+    errors.append(_DETUNED * read.t[:, None] * later)
     if not begins.turns:
         errors, free = [*errors, *(_RINGS * x for x in free)], []
     known = [read.measured - motion, *(GAINS * x for x in by_gains(motion))]
