@@ -61,7 +61,7 @@ def test_a_spring_and_a_damper_at_the_first_sensor_are_those_of_the_matrices():
     stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 0], phi[:, 0])
     damping = c * np.outer(phi[:, 0], phi[:, 0])
     whole = np.block([[np.zeros((3, 3)), np.eye(3)], [-stiffness, -damping]])
-    held = phi[:, 0] / OMEGA**2
+    held = np.linalg.solve(stiffness, phi[:, 0])  # the spring holds as well
     held *= 0.1 / (held @ phi[:, 0])
     step, y, expected = expm(whole * T[1]), np.append(held, np.zeros(3)), []
     for _ in T:
@@ -77,11 +77,48 @@ def test_a_force_may_act_elsewhere_than_at_a_sensor():
     phi = structure.shapes[:, [structure.freedom(*s) for s in (*SENSORS, (3, 1))]]
     stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 2], phi[:, 2])
     square, turn = np.linalg.eigh(stiffness)
-    held = phi[:, 0] / OMEGA**2
+    held = np.linalg.solve(stiffness, phi[:, 0])
     held *= 0.1 / (held @ phi[:, 0])
     waves = np.cos(np.outer(T, np.sqrt(square))) * (held @ turn)
     expected = waves @ turn.T @ phi[:, :2]
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
+def test_a_mass_anywhere_is_that_of_the_matrices():
+    """A mass and a damper at the third mass of a stiffer structure, in closed form."""
+    structure, m, c = _structure(), 0.6, 0.3
+    simulator = structure.simulator(SENSORS, point=(1, 1))
+    given = (lambda t, x, v: -c * v), "3:1"
+    x = simulator.simulate(0.1, T, *given, mass=m, modulus=1.3, density=1.1)
+    phi = structure.shapes[:, [structure.freedom(*s) for s in (*SENSORS, (3, 1))]]
+    together = np.outer(phi[:, 2], phi[:, 2])
+    mass, stiffness = 1.1 * np.eye(3) + m * together, 1.3 * np.diag(OMEGA**2)
+    parts = np.linalg.solve(mass, np.hstack([-stiffness, -c * together]))
+    whole = np.block([[np.zeros((3, 3)), np.eye(3)], [parts]])
+    held = np.linalg.solve(stiffness, phi[:, 0])
+    held *= 0.1 / (held @ phi[:, 0])
+    step, y, expected = expm(whole * T[1]), np.append(held, np.zeros(3)), []
+    for _ in T:
+        expected.append(y[:3] @ phi[:, :2])
+        y = step @ y
+    assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
+def test_a_mass_at_a_point_that_bends_takes_energy_as_it_should():
+    """Without damping, 1/2 (1 + h + m x_p'^2) q'^2 + the work of K stays: h is s'^T M s' here."""
+    structure, m = _structure(cubic=200.0, follows=0.4), 0.6
+    simulator = structure.simulator([(3, 1)], rings=0, held_by="mode")
+    x = simulator.simulate(0.05, T, mass=m)[:, 0]
+    q = np.linspace(-0.45, 0.45, 4001)
+    at, curve = structure.shapes[:, structure.freedom(3, 1)], simulator.curve
+    place, slope = at[0] * q + 0.4 * at[2] * q**2, at[0] + 0.8 * at[2] * q
+    kinetic = 0.5 * (curve.inertia_at(q) + m * slope**2) / slope**2  # over the speed squared
+    work = OMEGA[0] ** 2 * q**2 / 2 + 200 * q**4 / 4
+    order = np.argsort(place)
+    speed = np.gradient(x, T, edge_order=2)
+    energy = np.interp(x, place[order], kinetic[order]) * speed**2
+    energy += np.interp(x, place[order], work[order])
+    assert np.ptp(energy[2:-2]) < 1e-3 * energy[2]  # differences of the samples: (0.1 rad)^2 / 6
 
 
 def test_nonlinear_motion_is_that_of_the_reduced_equation():
@@ -94,7 +131,7 @@ def test_nonlinear_motion_is_that_of_the_reduced_equation():
     # What follows shifts the middle of the sensor, not the period.
     periods = np.diff(up - x[up] / np.diff(x)[up]) * 0.002
     shape = structure.shapes[0][structure.freedom(1, 1)]
-    q = simulator._held(0.1)[0, 0]
+    q = simulator._held(0.1, 0, None, 1.0)[0, 0]
     assert abs(shape * q - 0.1) > 1e-4  # it does follow
     expected = 2 * np.pi / found.frequencies(np.array([abs(q)]))[0]
     assert periods.mean() == pytest.approx(expected, rel=1e-5)

@@ -47,7 +47,7 @@ _HALF = 0.5  # of the linear stiffness, or twice, is that of the smallest case
 _AS_WELL, _ROUNDING = 1.5, 1e-9
 _BESIDE = 0.1  # of a tolerance is enough for the inertia, as a part of the mass
 
-PointValues = tuple[float, float, float, float, float]
+PointValues = tuple[float, float, float, float, float, float]
 Hold = Callable[[Sequence[Sequence[float]]], list[HeldCases]]
 
 
@@ -141,7 +141,7 @@ class HeldCurve:
         return np.outer(q, self.mode.shape) + self.following_at(q)
 
     def at_point(self, row: int) -> Callable[[float], PointValues]:
-        """K, 1 + h, h', and what follows at a freedom with its slope, of one q after the other.
+        """K, 1 + h, h', and what follows at a freedom with two slopes, of one q after the other.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
         The function raises a ValueError for a q beyond the range.
@@ -150,8 +150,8 @@ class HeldCurve:
         slope = self.following_at(q, slope=True)[:, row]
         columns = [self.force_at(q), self.inertia_at(q), self.following_at(q)[:, row], slope]
         fitted = chebyshev.chebfit((q - self._centre) / self._half, np.array(columns).T, _FINE - 1)
-        gradient = np.append(chebyshev.chebder(fitted[:, 1]) / self._half, 0.0)
-        table = np.column_stack([fitted[:, :2], gradient, fitted[:, 2:]]).T.copy()
+        slopes = [np.append(chebyshev.chebder(c) / self._half, 0.0) for c in fitted.T[[1, 3]]]
+        table = np.vstack([fitted.T[:2], slopes[0], fitted.T[2:], slopes[1]])
         centre, half, orders = self._centre, self._half, np.arange(_FINE)
 
         def at(q: float) -> PointValues:
@@ -165,8 +165,8 @@ class HeldCurve:
                 terms = np.cos(orders * np.arccos(x))
             else:
                 terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
-            k, m, m_q, s, s_q = table @ terms
-            return k, m, m_q, s, s_q
+            k, m, m_q, s, s_q, s_qq = table @ terms
+            return k, m, m_q, s, s_q, s_qq
 
         return at
 

@@ -6,12 +6,12 @@ With q of the mode that was held, and r_j of modes that only ring:
     r_j'' + 2 zeta omega_j r_j' + omega_j^2 r_j = phi_j,p f
     x_s = x_s(q) + sum_j phi_j,s r_j
 
-at sensors s, under a force f at a point p.
+at sensors s, under a force f at a point p; a mass there adds the force -m x_p''.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,6 +24,8 @@ from romsindy.structure.linear import LinearModel
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
+_MOVES = 0.05  # of the largest displacement of the mode: what moves less can hide nothing
+_SETTLES = 4  # times that a force at rest and the shape that it bends are found in turn
 HELD_BY = ("force", "mode")
 
 
@@ -67,7 +69,9 @@ class StructureSimulator:
     sensors : sequence of int
         Rows of the freedoms that are measured; at the first the structure is let go.
     point : int
-        Row of the freedom at which a force acts.
+        Row of the freedom at which a force acts, if nothing else is asked.
+    anywhere : bool
+        Whether it may act elsewhere.
     damping : Damping
         Of all modes.
     rings : sequence of int
@@ -83,24 +87,47 @@ class StructureSimulator:
     curve: HeldCurve
     sensors: Sequence[int]
     point: int
+    anywhere: bool
     damping: Damping
     rings: Sequence[int]
     held_by: str
     units: Units
 
     takes_force = True
+    takes_mass = True
     takes_values = ("modulus", "density", *Damping._fields)
 
     @property
     def __name__(self) -> str:
         return self.structure.name
 
+    @cached_property
+    def points(self) -> Mapping[str, Array]:
+        """Where what is missing may act, "node:direction", and where that is, (3,), m.
+
+        Of each node it is the direction in which the mode moves it most.
+        """
+        known = self.structure
+        if not self.anywhere or not known.coordinates:
+            return {}
+        moved = np.abs(self.curve.mode.shape)
+        found: dict[int, int] = {}
+        for row in np.argsort(moved):
+            if moved[row] > _MOVES * moved.max() and int(known.nodes[row]) in known.coordinates:
+                found[int(known.nodes[row])] = int(row)
+        return {
+            f"{node}:{known.directions[row]}": self.units.length * known.coordinates[node]
+            for node, row in found.items()
+        }
+
     def simulate(
         self,
         release: float,
         t: Array,
         force: Force | None = None,
+        point: str | None = None,
         *,
+        mass: float = 0.0,
         modulus: float = 1.0,
         density: float = 1.0,
         **damping: float,
@@ -113,6 +140,10 @@ class StructureSimulator:
             Displacement of the first sensor, m.
         force : callable, optional
             Of time, displacement (m) and velocity (m/s) of the point, N.
+        point : str, optional
+            Another point than its own for the force and the mass, "node:direction".
+        mass : float
+            At the point, kg.
         modulus, density : float
             Over those of the deck, of all its materials.
         damping : float
@@ -123,17 +154,24 @@ class StructureSimulator:
         ValueError
             For a release, or a motion, beyond the range that was held.
         """
-        start = self._held(release / self.units.length)
+        row = self.point if point is None else self._row(point)
+        start = self._held(release / self.units.length, row, force, modulus)
         rates = self._damping(modulus, density, self.damping._replace(**damping))
         omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
-        m = 1 + (len(self.rings) if force is not None else 0)  # without one they ring by themselves
-        beside = self._beside_linear(force, modulus / density, density, rates)
+        alone = force is None and not mass
+        m = 1 if alone else len(omega2)  # they ring by themselves
+        added = _Added(row, force, mass / self.units.mass / density)
+        beside = self._beside_linear(added, modulus / density, density, omega2[:m], rates[:m])
         y = _in_time(t, start[:, :m], omega2[:m], rates[:m], beside)
         q, r = y[:, 0, 0], y[:, 0, 1:]
-        if force is None:
+        if alone:
             r = _ringing(t, start[0, 1:], omega2[1:], rates[1:]).T
         moved = self.curve.shapes_at(q)[:, self.sensors] + r @ self._shapes[:, self.sensors]
         return np.asarray(self.units.length * moved)
+
+    def _row(self, point: str) -> int:
+        node, _, direction = point.rpartition(":")
+        return self.structure.freedom(node, int(direction))
 
     def _damping(self, modulus: float, density: float, damping: Damping) -> Array:
         """2 zeta omega of the mode that is kept, and of those that ring, (1 + m,), 1/s."""
@@ -149,21 +187,33 @@ class StructureSimulator:
     def _omega2(self) -> Array:
         return np.asarray(self.structure.omega[[n - 1 for n in self.rings]] ** 2)
 
-    def _held(self, release: float) -> Array:
-        """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much."""
-        row = self.sensors[0]
-        pushed = self._shapes[:, row] / self._omega2  # of a unit of force
+    def _held(self, release: float, point: int, force: Force | None, stiffer: float) -> Array:
+        """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much.
 
-        def size(q: float) -> float:
-            if self.held_by == "mode":
-                return 0.0
+        What was added at the point bends the structure as well, as far as it does so at rest.
+        """
+        row, units = self.sensors[0], self.units
+        pushed, bent = self._shapes[:, [row, point]].T / self._omega2  # by a unit of force
+
+        def rung(q: float) -> Array:
             at = np.array([q])
-            slope = self.curve.mode.shape[row] + self.curve.following_at(at, slope=True)[0, row]
-            return float(self.curve.force_at(at)[0] / slope)
+            slopes = self.curve.mode.shape + self.curve.following_at(at, slope=True)[0]
+            there = float(self.curve.shapes_at(at)[0, point])
+            r, push = np.zeros(len(pushed)), 0.0
+            for _ in range(1 if force is None else _SETTLES):
+                if force is not None:
+                    x = there + self._shapes[:, point] @ r
+                    push = force(0.0, units.length * float(x), 0.0) / units.force / stiffer
+                size = 0.0
+                if self.held_by == "force":
+                    needed = float(self.curve.force_at(at)[0]) - slopes[point] * push
+                    size = needed / slopes[row]
+                r = size * pushed + push * bent
+            return np.asarray(r)
 
         def off(q: float) -> float:
             there = self.curve.shapes_at(np.array([q]))[0, row]
-            return float(there + size(q) * (self._shapes[:, row] @ pushed) - release)
+            return float(there + self._shapes[:, row] @ rung(q) - release)
 
         low, high = self.curve.range
         if off(low) * off(high) > 0:
@@ -173,20 +223,20 @@ class StructureSimulator:
                 f" {ends[1]:.4g} at the first sensor: hold it over a larger one"
             )
         q = brentq(off, low, high, xtol=1e-14 * (high - low))
-        return np.stack([np.append(q, size(q) * pushed), np.zeros(1 + len(pushed))])
+        return np.stack([np.append(q, rung(q)), np.zeros(1 + len(pushed))])
 
     def _beside_linear(
-        self, force: Force | None, stiffer: float, density: float, damping: Array
+        self, added: _Added, stiffer: float, density: float, omega2: Array, damping: Array
     ) -> Callable[[float, Array], Array]:
         """Accelerations (m,) beside those of the linear modes, at a time and a state (2, m)."""
-        row = self.point
-        phi, shape = self._shapes[:, row], self.curve.mode.shape[row]
-        own, linear = damping[0], stiffer * self.curve.omega2
+        row, force, mass = added
+        phi, shape = self._shapes[: len(omega2) - 1, row], self.curve.mode.shape[row]
+        own, linear = damping[0], omega2[0]
         curve, units = self.curve.at_point(row), self.units
 
         def beside(t: float, y: Array) -> Array:
             (q, *_), (q_dot, *_) = y
-            stiffness, inertia, gradient, moved, slope = curve(q)
+            stiffness, inertia, gradient, moved, slope, curvature = curve(q)
             push, more = 0.0, np.zeros(y.shape[1])
             if force is not None:
                 r, r_dot = y[:, 1:]
@@ -196,9 +246,23 @@ class StructureSimulator:
                 more[1:] = phi * push
             left = stiffer * stiffness + own * q_dot + gradient / 2 * q_dot**2
             more[0] = ((shape + slope) * push - left) / inertia + linear * q + own * q_dot
+            if mass:
+                along = np.append(shape + slope, phi)
+                lifted = np.append((shape + slope) / inertia, phi)  # by a unit of force
+                free = more - omega2 * y[0] - damping * y[1]
+                pulled = along @ free + curvature * q_dot**2
+                more -= mass * pulled / (1 + mass * (along @ lifted)) * lifted
             return more
 
         return beside
+
+
+class _Added(NamedTuple):
+    """What is added at a freedom, in units of the model over its density."""
+
+    row: int
+    force: Force | None
+    mass: float
 
 
 def _in_time(

@@ -246,7 +246,7 @@ class Structure(LinearModel):
         mode, reach, tolerance
             As for `static_curve`.
         point : (node, direction), optional
-            Where what is missing acts.  [default: the first sensor]
+            Where what is missing acts.  [default: it is looked for]
         damping : Damping or float
             Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
             values of the simulator, as are "modulus" and "density" over those of the model.
@@ -272,5 +272,5 @@ class Structure(LinearModel):
         others = [
             i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
         ]
-        given = stated, others[:rings], held_by, units or Units()
+        given = point is None, stated, others[:rings], held_by, units or Units()
         return StructureSimulator(self, found.curve, rows, acts, *given)
