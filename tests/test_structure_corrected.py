@@ -30,7 +30,8 @@ def deck(tmp_path_factory):
 
 
 def _found(node, **changes):
-    usual = {"spring": None, "reach": 2e-3, "modulus": 1.0, "density": 1.0, "remarks": ["why"]}
+    usual = {"spring": None, "reach": 2e-3, "mass": 0.0, "modulus": 1.0}
+    usual |= {"density": 1.0, "parts": {}, "remarks": ["why"]}
     return Correction(node, 3, **{**usual, **changes})
 
 
@@ -72,13 +73,15 @@ def test_a_spring_is_in_the_units_of_the_deck(deck, tmp_path):
     assert direction == "3" and float(stiffness) == pytest.approx(2.0, rel=1e-9)
 
 
-def test_an_included_material_is_left_to_the_user(deck, tmp_path):
+def test_what_is_included_stands_in_the_corrected_deck(deck, tmp_path):
     original, node = deck
     head, _, rest = original.path.read_text().partition("*MATERIAL")
     (tmp_path / "m.inc").write_text("*MATERIAL" + rest.partition("*STEP")[0])
     (tmp_path / "main.inp").write_text(head + "*INCLUDE, INPUT=m.inc\n")
-    with pytest.raises(ValueError, match=r"m\.inc, line \d+: \*ELASTIC is to be multiplied"):
-        corrected_deck(Deck.load(tmp_path / "main.inp"), _found(node, modulus=1.1), Units())
+    text = corrected_deck(Deck.load(tmp_path / "main.inp"), _found(node, modulus=1.1), Units())
+    (tmp_path / "whole.inp").write_text(text)
+    (elastic,) = Deck.load(tmp_path / "whole.inp").of("ELASTIC")
+    assert "INCLUDE" not in text and float(next(elastic.fields())[0]) == pytest.approx(2.31e11)
 
 
 @needs_ccx

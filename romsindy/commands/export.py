@@ -22,7 +22,8 @@ from romsindy.record.files.load import named
 from romsindy.simulator.force import LawForce
 from romsindy.structure.corrected import Correction, corrected_deck
 from romsindy.structure.deck import Deck
-from romsindy.structure.deck_file import DeckFile
+from romsindy.structure.deck_file import DeckFile, sensor_of
+from romsindy.structure.varied import PartValue
 from romsindy.text import listed
 
 _STDOUT = Path("-")
@@ -110,7 +111,8 @@ def _deck(text: str, file: Path, given: DeckFile) -> str:
     laws, values = content["force_laws"], table("values", content["values"])
     force = None if laws is None else LawForce.of_content("force_laws", laws)
     changed = {n: float(v) for n, v in values.items() if v != given.parameters.get(n, (v,))[0]}
-    if force is None and not changed:
+    mass, place = float(content.get("mass", 0.0)), content.get("place")
+    if force is None and not changed and not mass:
         raise ValueError(f"nothing was added to the deck: the verdict is {content['verdict']!r}")
     remarks = [f"found by a diagnosis, {file}: {content['verdict']}"]
     remarks += [f"{n} = {v:.6g}" for n, v in changed.items()]
@@ -118,15 +120,21 @@ def _deck(text: str, file: Path, given: DeckFile) -> str:
         remarks.append(f"force on the node, N, of x (m) and v (m/s): {force}")
         if force(0.0, 0.0, 1e-3):
             remarks.append("its part that damps has no element in *DYNAMIC: it is not in this deck")
-    deck, (node, direction) = Deck.load(given.file), given.point
+    deck, (node, direction) = Deck.load(given.file), given.point or given.sensors[0]
+    if place is not None:
+        node, direction = sensor_of("place", table("place", place)["point"])
+    if mass:
+        remarks.append(f"mass at the node: {mass:.6g} kg")
     holds = force is not None and any(force(0.0, x, 0.0) for x in (-1e-3, 1e-3))
     found = Correction(
         node=deck.node(node),
         direction=direction,
         spring=(lambda x: force(0.0, x, 0.0)) if holds and force is not None else None,
         reach=1.0 if force is None else force.reach[0],
+        mass=mass,
         modulus=changed.get("modulus", 1.0),
         density=changed.get("density", 1.0),
+        parts={n: v for n, v in changed.items() if PartValue.of_name(n)},
         remarks=remarks,
     )
     return corrected_deck(deck, found, given.units)

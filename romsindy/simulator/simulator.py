@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -42,6 +42,7 @@ class SimulatedDecay:
     forced: bool  # whether a force was added
     t: Array  # (n,), s, from the release on
     displacements: Array  # (n, n_sensors)
+    point: str | None = None  # where the force and the mass were, if not at its own
 
     def at(self, t: Array, derivative: int = 0) -> Array:
         """Displacements, or their derivatives, at times within (s), (m, n_sensors)."""
@@ -103,12 +104,30 @@ class Simulator:
     @property
     def takes_force(self) -> bool:
         """Whether a force can be added."""
-        own = getattr(self.simulate, "__self__", None)
-        return bool(getattr(own, "takes_force", "force" in (self._arguments or ())))
+        return bool(self._own("takes_force", "force" in (self._arguments or ())))
+
+    @property
+    def takes_mass(self) -> bool:
+        """Whether a mass can be added at its point, kg: a keyword ``mass``."""
+        return bool(self._own("takes_mass", False))
+
+    @property
+    def points(self) -> Mapping[str, Array]:
+        """Names of points at which a force can be added, and where they are, (3,); often none."""
+        return dict(self._own("points", {}))
+
+    @property
+    def steps(self) -> Mapping[str, float]:
+        """By how much a value may change that is zero, by name."""
+        return dict(self._own("steps", {}))
+
+    def _own(self, name: str, usual: Any) -> Any:
+        """What the object has whose method is asked."""
+        return getattr(getattr(self.simulate, "__self__", None), name, usual)
 
     def check_values(self, names: Sequence[str]) -> None:
         """Raise a ValueError for a value that it does not take."""
-        known = getattr(getattr(self.simulate, "__self__", None), "takes_values", None)
+        known = self._own("takes_values", None)
         if known is None and (self._arguments is None or self._takes_any):
             return
         own = (k for k in self._arguments or () if k not in ("release", "t", "force"))
@@ -135,20 +154,24 @@ class Simulator:
         n_sensors: int,
         force: Force | None = None,
         values: Mapping[str, float] | None = None,
+        point: str | None = None,
     ) -> SimulatedDecay:
         """What the simulator gives for a release, at times t (n,).
+
+        ``point`` is where the force and the mass are, of its `points`.
 
         Raises a SimulatorError where it gives nothing, other than displacements of ``n_sensors``
         sensors, or another release.
         """
         values = dict(values or {})
         for known in self.computed if force is None else ():
-            same = (known.release, known.values, known.forced) == (release, values, False)
+            asked = known.release, known.values, known.forced, known.point
+            same = asked == (release, values, False, point)
             # A longer answer to the same question holds the shorter one.
             if same and len(known.t) >= len(t) and np.array_equal(known.t[: len(t)], t):
-                return SimulatedDecay(release, values, False, t, known.displacements[: len(t)])
-        x = self._asked(release, t, n_sensors, force, values)
-        answer = SimulatedDecay(release, values, force is not None, t, x)
+                return replace(known, t=t, displacements=known.displacements[: len(t)])
+        x = self._asked(release, t, n_sensors, force, values, point)
+        answer = SimulatedDecay(release, values, force is not None, t, x, point)
         self.computed.append(answer)
         return answer
 
@@ -159,10 +182,12 @@ class Simulator:
         n_sensors: int,
         force: Force | None,
         values: Mapping[str, float],
+        point: str | None = None,
     ) -> Array:
         """Displacements (n, n_sensors), checked."""
         asked = self._question(release, t, values)
-        known = values if force is None else {**values, "force": force}
+        beside = {"force": force, "point": point}
+        known = {**values, **{name: x for name, x in beside.items() if x is not None}}
         try:
             given = self.simulate(release, t.copy(), **known)
         except SimulatorError:

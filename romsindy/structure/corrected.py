@@ -6,13 +6,14 @@ the node and a fixed one far away. A dashpot is not for `*DYNAMIC`: damping stan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.structure.deck import Card, Deck
+from romsindy.structure.deck import Deck
 from romsindy.structure.simulator import Units
+from romsindy.structure.varied import CLAMP, MATERIAL, PartValue, times
 
 _FAR = 1e3  # times the size of the structure: from there a spring pulls along one direction
 _TABLE, _BEYOND = 401, 2.0  # points of a spring, and how far: it is constant beyond its table
@@ -27,42 +28,51 @@ class Correction(NamedTuple):
     direction: int
     spring: Callable[[float], float] | None  # force on the node (N) over its displacement (m)
     reach: float  # largest displacement of the node that was compared, m
+    mass: float  # at the node, kg
     modulus: float  # over that of the deck
     density: float
+    parts: Mapping[str, float]  # values of parts, see `PartValue`
     remarks: Sequence[str]  # what was found, and what no element stands for
 
 
 def corrected_deck(deck: Deck, found: Correction, units: Units) -> str:
     """The text of the deck with the correction, each change under a comment that says what it is.
 
-    Raises a ValueError for a material in a file that the deck includes, whose text is not written.
+    Files that it includes stand in it.
+
+    Raises a ValueError for a material that is not isotropic, and a part that is not there.
     """
+    changed = deck
+    for name, value in found.parts.items():
+        part = PartValue.of_name(name)
+        assert part is not None
+        unit = units.length / units.force if part.kind == CLAMP else 1.0
+        changed = part.deck(changed, value / unit)
+    factors = {MATERIAL["modulus"]: found.modulus, MATERIAL["density"]: found.density}
     lines = deck.lines
-    for name, factor in (("ELASTIC", found.modulus), ("DENSITY", found.density)):
-        if factor != 1.0:
-            for card in deck.of(name):
-                _scale(lines, deck, card, factor)
-    added = [f"** romsindy: {remark}" for remark in found.remarks]
-    if found.spring is not None:
-        added += _spring(deck, found, units)
-    here = deck.step is not None and deck.step.source[0] == deck.path
-    end = deck.step.source[1] - 1 if here and deck.step is not None else len(lines)
-    return "\n".join([*lines[:end], *added, *lines[end:]]) + "\n"
-
-
-def _scale(lines: list[str], deck: Deck, card: Card, factor: float) -> None:
-    """Multiply what the first lines of a material have first, under a comment."""
-    kind = card.parameters.get("TYPE", "ISO").upper()
-    if card.source[0] != deck.path or (card.name == "ELASTIC" and not kind.startswith("ISO")):
+    end = len(lines) if deck.step is None else deck.step.source[1] - 1
+    model = [c for c in changed.cards if c.source[0] != deck.path or c.source[1] <= end]
+    if found.parts and len(model) < len(changed.cards):
         raise ValueError(
-            f"{card.at}: *{card.name} is to be multiplied by {factor:.6g}, and stands in a file"
-            " that is included, or is not isotropic: change it by hand, or put it into the deck"
+            f"{deck.path}: supports stand in the first step: put them before it, so that they can"
+            " be written beside what was found"
         )
-    for row, line in zip(card.rows, card.data, strict=True):
-        first, comma, rest = line.partition(",")
-        lines[row - 1] = f"{float(first) * factor:.9e}{comma}{rest}"
-    head = card.source[1] - 1
-    lines[head] = f"** romsindy: {factor:.6g} times as large\n{lines[head]}"
+    first = min((c.source[1] for c in deck.cards if c.source[0] == deck.path), default=1)
+    text = lines[: first - 1]
+    for card in model:
+        factor = factors.get(card.name, 1.0)
+        text += (card if factor == 1.0 else times(card, factor)).lines
+    text += [f"** romsindy: {remark}" for remark in found.remarks]
+    if found.mass:
+        text += [
+            f"*ELEMENT, TYPE=MASS, ELSET={_NAME}_MASS",
+            f"{deck.next_element + 1}, {found.node}",
+            f"*MASS, ELSET={_NAME}_MASS",
+            f"{found.mass / units.mass:.9e}",
+        ]
+    if found.spring is not None:
+        text += _spring(deck, found, units)
+    return "\n".join([*text, *lines[end:]]) + "\n"
 
 
 def _spring(deck: Deck, found: Correction, units: Units) -> list[str]:
@@ -72,7 +82,7 @@ def _spring(deck: Deck, found: Correction, units: Units) -> list[str]:
     x = _BEYOND * found.reach * np.linspace(-1, 1, _TABLE)
     force = np.array([-pull(float(v)) for v in x]) / units.force
     x = x / units.length
-    node, element = max(deck.nodes) + 1, _next_element(deck)
+    node, element = max(deck.nodes) + 1, deck.next_element
     slope = np.polyfit(x, force, 1)[0]
     if np.abs(force - slope * x).max() < _LINEAR * np.abs(force).max():
         return [
@@ -96,9 +106,3 @@ def _spring(deck: Deck, found: Correction, units: Units) -> list[str]:
         "",
         *(f"{f:.9e}, {v:.9e}" for f, v in zip(force, x, strict=True)),
     ]
-
-
-def _next_element(deck: Deck) -> int:
-    """A number that no element has."""
-    firsts = [int(f[0]) for card in deck.of("ELEMENT") for f in card.fields() if f[0].isdigit()]
-    return max(firsts, default=0) + 1

@@ -162,6 +162,12 @@ class Deck:
         times = Counter(frozenset(side) for side in sides)
         return [side for side in sides if times[frozenset(side)] == 1]
 
+    @property
+    def next_element(self) -> int:
+        """A number that no element has."""
+        firsts = [int(f[0]) for c in self.of("ELEMENT") for f in c.fields() if f[0].isdigit()]
+        return max(firsts, default=0) + 1
+
     def node(self, name: str) -> int:
         """A node by its number, or by a set that holds it alone.
 

@@ -14,6 +14,7 @@ from romsindy.record.units import parse_unit
 from romsindy.structure.deck import Deck
 from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
 from romsindy.structure.structure import Structure
+from romsindy.structure.varied import PartValue
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,7 +22,7 @@ else:
     import tomli as tomllib
 
 _MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3}
-_TABLES = ("deck", "damping", "force", "release", "sensors", "tolerances")
+_TABLES = ("deck", "damping", "force", "looked_for", "release", "sensors", "tolerances")
 # Where nothing is said of the damping it is found: a ratio, and a relative standard deviation.
 _UNSTATED = 0.01, 3.0
 
@@ -38,10 +39,11 @@ class DeckFile:
     store: Path
     sensors: tuple[tuple[str, int], ...]  # node and direction
     columns: tuple[str, ...]  # of the measured files, in the order of the sensors
-    point: tuple[str, int]  # where what is missing acts
+    point: tuple[str, int] | None  # where what is missing acts; None is looked for
     damping: Damping
     held_by: str
-    parameters: Mapping[str, tuple[float, float]]  # values that may be off, with tolerances
+    # Values that may be off, with tolerances; without one they are looked for
+    parameters: Mapping[str, tuple[float, float | None]]
 
     @classmethod
     def load(cls, path: str | Path) -> DeckFile:
@@ -50,11 +52,12 @@ class DeckFile:
         ``[deck]`` has ``file`` (beside the TOML file), ``range`` in its unit of length, and if need
         be ``mode``, ``units`` ("mm,t,s"), ``ccx`` and ``store``; ``[sensors]`` has ``nodes``, such
         as "412:3" or "TIP:3", and as many ``columns`` of the measured files: at the first the
-        structure is let go. ``[force]`` has ``node``, where what is missing acts, by default at
-        the first sensor. ``[damping]`` has ``damping_ratio``, or
-        ``alpha`` and ``beta``; without it the ratio is found. ``[release]`` has ``held_by``: a
+        structure is let go. ``[force]`` has ``node``, where what is missing acts; without it that
+        is looked for. ``[damping]`` has ``damping_ratio``, or ``alpha`` and ``beta``; without it
+        the ratio is found. ``[release]`` has ``held_by``: a
         "force" at the first sensor, or the "mode". ``[tolerances]`` has relative standard
-        deviations of "modulus", "density" and the damping.
+        deviations of "modulus", "density" and the damping, and of values of parts, see
+        `Structure.varied`; ``[looked_for]`` has ``values`` that may be missing, of parts as well.
 
         Raises
         ------
@@ -93,6 +96,7 @@ class DeckFile:
             damping=self.damping,
             held_by=self.held_by,
             units=self.units,
+            values=[name for name in self.parameters if PartValue.of_name(name)],
         )
 
 
@@ -107,7 +111,11 @@ def _read(path: Path, content: Mapping[str, Any]) -> DeckFile:
     force = entries.table("[force]", content.get("force", {}))
     refuse_unknown("[force]", force, ("node",))
     acts = entries.text("[force] node", force["node"]) if "node" in force else None
-    parameters = _parameters(entries.table("[tolerances]", content.get("tolerances", {})), damping)
+    near = _parameters(entries.table("[tolerances]", content.get("tolerances", {})), damping)
+    sought = entries.table("[looked_for]", content.get("looked_for", {}))
+    refuse_unknown("[looked_for]", sought, ("values",))
+    names = entries.several(entries.text)("[looked_for] values", sought.get("values", []))
+    parameters = {**{n: (_assumed("[looked_for]", n, damping), None) for n in names}, **near}
     file = path.parent / entries.text("[deck] file", deck["file"])
     store = entries.text("[deck] store", deck.get("store", f"{file.stem}.cases.npz"))
     return DeckFile(
@@ -119,7 +127,7 @@ def _read(path: Path, content: Mapping[str, Any]) -> DeckFile:
         store=path.parent / store,
         sensors=nodes,
         columns=columns,
-        point=nodes[0] if acts is None else sensor_of("[force] node:", acts),
+        point=None if acts is None else sensor_of("[force] node:", acts),
         damping=damping,
         held_by=entries.text("[release] held_by", release.get("held_by", HELD_BY[0])),
         parameters=parameters if stated else {"damping_ratio": _UNSTATED, **parameters},
@@ -184,10 +192,22 @@ def _damping(table: Mapping[str, Any]) -> tuple[Damping, bool]:
 
 
 def _parameters(table: Mapping[str, Any], damping: Damping) -> dict[str, tuple[float, float]]:
+    return {
+        name: (
+            _assumed("[tolerances]", name, damping),
+            float(entries.finite(f"[tolerances] {name}", size)),
+        )
+        for name, size in table.items()
+    }
+
+
+def _assumed(where: str, name: str, damping: Damping) -> float:
+    """A value as the deck and its file have it."""
+    part = PartValue.of_name(name)
+    if part is not None:
+        return part.assumed
     known = {"modulus": 1.0, "density": 1.0, **damping._asdict()}
-    refuse_unknown("[tolerances]", table, [*known])
-    for name in table:
-        if not known[name]:
-            raise ValueError(f"[tolerances] {name}: its value is zero, state it in [damping]")
-    sizes = {n: float(entries.finite(f"[tolerances] {n}", v)) for n, v in table.items()}
-    return {name: (known[name], size) for name, size in sizes.items()}
+    refuse_unknown(f"{where} (beside values of parts, such as 'modulus of SET')", [name], [*known])
+    if not known[name]:
+        raise ValueError(f"{where} {name}: its value is zero, state it in [damping]")
+    return known[name]

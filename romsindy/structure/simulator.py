@@ -12,7 +12,7 @@ at sensors s, under a force f at a point p; a mass there adds the force -m x_p''
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 
 from romsindy.structure.held import HeldCurve
 from romsindy.structure.linear import LinearModel
+from romsindy.structure.varied import Member, Varied, between
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
@@ -81,6 +82,8 @@ class StructureSimulator:
         force of the "mode".
     units : Units
         Of the structure.
+    parts : dict
+        Decks with other values of parts, by the name of the value.
     """
 
     structure: LinearModel
@@ -92,10 +95,26 @@ class StructureSimulator:
     rings: Sequence[int]
     held_by: str
     units: Units
+    parts: Mapping[str, Varied] = field(default_factory=dict)
+    _between: dict[tuple[tuple[str, float], ...], StructureSimulator] = field(default_factory=dict)
 
     takes_force = True
     takes_mass = True
-    takes_values = ("modulus", "density", *Damping._fields)
+
+    @property
+    def takes_values(self) -> tuple[str, ...]:
+        """Names of the values that it takes."""
+        return ("modulus", "density", *Damping._fields, *self.parts)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of parts as the deck has them."""
+        return {name: v.values[0] and 1.0 for name, v in self.parts.items()}
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """By how much values change that are zero in the deck."""
+        return {name: v.values[1] for name, v in self.parts.items() if not v.values[0]}
 
     @property
     def __name__(self) -> str:
@@ -105,7 +124,7 @@ class StructureSimulator:
     def points(self) -> Mapping[str, Array]:
         """Where what is missing may act, "node:direction", and where that is, (3,), m.
 
-        Of each node it is the direction in which the mode moves it most.
+        Of each node it is the direction in which the mode moves it most. Its own is the first.
         """
         known = self.structure
         if not self.anywhere or not known.coordinates:
@@ -116,8 +135,10 @@ class StructureSimulator:
             if moved[row] > _MOVES * moved.max() and int(known.nodes[row]) in known.coordinates:
                 found[int(known.nodes[row])] = int(row)
         return {
-            f"{node}:{known.directions[row]}": self.units.length * known.coordinates[node]
-            for node, row in found.items()
+            f"{known.nodes[row]}:{known.directions[row]}": (
+                self.units.length * known.coordinates[int(known.nodes[row])]
+            )
+            for row in (self.point, *found.values())
         }
 
     def simulate(
@@ -130,7 +151,7 @@ class StructureSimulator:
         mass: float = 0.0,
         modulus: float = 1.0,
         density: float = 1.0,
-        **damping: float,
+        **values: float,
     ) -> Array:
         """Displacements (n, n_sensors), m, at times t (n,), s.
 
@@ -146,17 +167,20 @@ class StructureSimulator:
             At the point, kg.
         modulus, density : float
             Over those of the deck, of all its materials.
-        damping : float
-            Any of `Damping`, in the place of what was stated.
+        values : float
+            Any of `Damping`, in the place of what was stated, and of values of parts.
 
         Raises
         ------
         ValueError
             For a release, or a motion, beyond the range that was held.
         """
+        if parts := {name: values.pop(name) for name in self.parts if name in values}:
+            given = {"mass": mass, "modulus": modulus, "density": density, **values}
+            return self._with(parts).simulate(release, t, force, point, **given)
         row = self.point if point is None else self._row(point)
         start = self._held(release / self.units.length, row, force, modulus)
-        rates = self._damping(modulus, density, self.damping._replace(**damping))
+        rates = self._damping(modulus, density, self.damping._replace(**values))
         omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
         alone = force is None and not mass
         m = 1 if alone else len(omega2)  # they ring by themselves
@@ -168,6 +192,21 @@ class StructureSimulator:
             r = _ringing(t, start[0, 1:], omega2[1:], rates[1:]).T
         moved = self.curve.shapes_at(q)[:, self.sensors] + r @ self._shapes[:, self.sensors]
         return np.asarray(self.units.length * moved)
+
+    def _with(self, parts: Mapping[str, float]) -> StructureSimulator:
+        """The structure with other values of its parts."""
+        key = tuple(parts.items())
+        if key not in self._between:
+            kept = [self.curve.mode.number - 1, *(n - 1 for n in self.rings)]
+            omega, shapes = self.structure.omega.copy(), self.structure.shapes.copy()
+            base = Member(omega[kept] ** 2, shapes[kept], self.curve)
+            found = between(base, [(self.parts[name], value) for name, value in parts.items()])
+            omega[kept], shapes[kept] = np.sqrt(found.omega2), found.shapes
+            structure = replace(self.structure, omega=omega, shapes=shapes)
+            self._between[key] = replace(
+                self, structure=structure, curve=found.curve, parts={}, _between={}
+            )
+        return self._between[key]
 
     def _row(self, point: str) -> int:
         node, _, direction = point.rpartition(":")

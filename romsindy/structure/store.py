@@ -43,6 +43,12 @@ class CaseStore:
         if self.path is not None and self.path.exists():
             self._content = _read(self.path)
 
+    def beside(self, deck: Deck) -> CaseStore:
+        """The same for another deck: both write into one file."""
+        other = CaseStore(None, deck)
+        other.path, other._content = self.path, self._content
+        return other
+
     def basis(self, count: int) -> Basis | None:
         """Modes that are kept, where they are as many as asked for."""
         if not self._has("omega") or self._get("asked") < count:

@@ -19,6 +19,15 @@ from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
 from romsindy.structure.reduction import Reduction, reduced
 from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
 from romsindy.structure.store import CaseStore
+from romsindy.structure.varied import (
+    CLAMP,
+    PART,
+    Member,
+    PartValue,
+    Varied,
+    member_of,
+    softened,
+)
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
@@ -84,25 +93,64 @@ class Structure(LinearModel):
             For a deck that cannot be reduced, or no CalculiX: file, line and remedy.
         """
         model, program = Deck.load(deck), CalculiX(ccx, folder)
-        kept = CaseStore(store, model)
+        return cls._of_deck(model, program, CaseStore(store, model), n_jobs, modes, progress)
+
+    @classmethod
+    def _of_deck(
+        cls,
+        deck: Deck,
+        program: CalculiX,
+        kept: CaseStore,
+        n_jobs: int,
+        modes: int,
+        progress: bool,
+    ) -> Structure:
         basis = kept.basis(modes)
         if basis is None:
-            basis = linear_modes(str(deck), program.matrices(model), modes)
+            basis = linear_modes(str(deck.path), program.matrices(deck), modes)
             kept.keep_basis(basis, modes)
         known = basis.known
         return cls(
-            str(deck),
+            str(deck.path),
             known.mass,
             basis.omega,
             basis.shapes,
             known.nodes,
             known.directions,
-            model.nodes,
-            model.notes,
-            model.faces,
-            model.node,
-            cases=DeckCases(program, model, known, kept, n_jobs, progress),
+            deck.nodes,
+            deck.notes,
+            deck.faces,
+            deck.node,
+            cases=DeckCases(program, deck, known, kept, n_jobs, progress),
         )
+
+    def varied(self, name: str, value: float) -> Structure:
+        """The structure with another value of a part of its deck.
+
+        Parameters
+        ----------
+        name : str
+            "modulus of SET" or "density of SET", over those of the deck, of a set of elements that
+            has a section; "clamp of SET", the compliance of all nodes of a set that is held,
+            unit of length in one of force: springs hold them then.
+        value : float
+            Of that.
+
+        Raises
+        ------
+        ValueError
+            For arrays, another name, or a set that is not there.
+        """
+        own, part = self.cases, PartValue.of_name(name)
+        if part is None or not isinstance(own, DeckCases):
+            raise ValueError(
+                f"{name!r} is no value of a part of {self.name}: a deck has such as 'modulus of"
+                " SET', 'density of SET' and 'clamp of SET'"
+            )
+        deck = part.deck(own.deck, value)
+        kept = own.store.beside(deck)
+        given = own.n_jobs, len(self.omega), own.progress
+        return self._of_deck(deck, own.program, kept, *given)
 
     @classmethod
     def from_arrays(
@@ -234,6 +282,7 @@ class Structure(LinearModel):
         rings: int = _RING,
         held_by: str = "force",
         units: Units | None = None,
+        values: Sequence[str] = (),
         tolerance: float = _TOLERANCE,
     ) -> StructureSimulator:
         """Return the structure as a simulator, which `diagnose` compares with measured decays.
@@ -257,6 +306,9 @@ class Structure(LinearModel):
             force of the "mode".
         units : Units, optional
             SI units in one of the model.  [default: m, kg]
+        values : sequence of str
+            Values of parts that the simulator takes as well, as `varied` names them; a clamp in
+            m/N. Two further decks are held for each, and between them it is a parabola.
         """
         stated = damping if isinstance(damping, Damping) else Damping(damping)
         for name, value in stated._asdict().items():
@@ -272,5 +324,32 @@ class Structure(LinearModel):
         others = [
             i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
         ]
-        given = point is None, stated, others[:rings], held_by, units or Units()
-        return StructureSimulator(self, found.curve, rows, acts, *given)
+        si, kept = units or Units(), [mode, *others[:rings]]
+        parts = {name: self._between(name, kept, si, reach, tolerance) for name in values}
+        given = point is None, stated, others[:rings], held_by, si
+        return StructureSimulator(self, found.curve, rows, acts, *given, parts)
+
+    def _between(
+        self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
+    ) -> Varied:
+        """Decks with other values of a part."""
+        part, unit = PartValue.of_name(name), 1.0
+        values = (1 - PART, 1.0, 1 + PART)
+        if part is not None and part.kind == CLAMP:
+            mode, unit = self.mode(kept[0]), units.length / units.force
+
+            def omega2(compliance: float) -> float:
+                return float(self.varied(name, compliance).omega[kept[0] - 1] ** 2)
+
+            slight = 1e-3 * float(np.abs(mode.shape).max()) ** 2 / mode.omega2
+            softer = softened(omega2, slight)
+            values = (0.0, softer, 2 * softer)
+
+        def member(value: float) -> Member:
+            other = self.varied(name, value)
+            return member_of(
+                self, kept, other, lambda n: other.static_curve(n, reach, tolerance).curve
+            )
+
+        decks = [None if v in (0.0, 1.0) else member(v) for v in values]
+        return Varied(tuple(unit * v for v in values), tuple(decks))

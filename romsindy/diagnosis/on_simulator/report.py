@@ -8,6 +8,7 @@ from typing import Any
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
+from romsindy.diagnosis.on_simulator.places import PlaceOnStructure
 from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.simulator.force import LawForce
@@ -25,10 +26,13 @@ class SimulatorReport(StructureReport):
     missed : float
         What its equation of one coordinate leaves of it, rms over the largest amplitude: it was
         taken off.
+    place : PlaceOnStructure or None
+        Where what was found acts, where the simulator offers points and all sensors were asked.
     """
 
     seen: OnSimulator
     missed: float
+    place: PlaceOnStructure | None = None
 
     @cached_property
     def force(self) -> LawForce | None:
@@ -37,6 +41,11 @@ class SimulatorReport(StructureReport):
         ``force.code("m")`` is the same in MATLAB, "py" in Python, "c" in C and "mo" in Modelica.
         """
         return self.seen.force(self.parts)
+
+    @property
+    def mass(self) -> float:
+        """What was added at that point, kg."""
+        return self.seen.mass(self.parts)
 
     @property
     def values(self) -> dict[str, float]:
@@ -48,13 +57,20 @@ class SimulatorReport(StructureReport):
         """What makes the improved simulator: values, and the force in Python."""
         lines = [f"{name} = {value:.6g}" for name, value in self._changed.items()]
         if self.force is not None:
-            lines.append(f"force(t, x, v) = {self.force}")
+            lines.append(f"force(t, x, v) = {self.force}{self._there}")
+        if self.mass:
+            lines.append(f"mass = {self.mass:.5g} kg{self._there}")
         lines += [f"not in the simulator: {label}" for label in self.not_there]
         if self.reduced.refused:
             lines.append("the simulator as it was: nothing in the catalogue explains the records")
         if not lines or self.not_there:
             lines.append(f"equation: {self.reduced.model}")
         return "\n".join(lines)
+
+    @property
+    def _there(self) -> str:
+        """The point at which it acts, if it was looked for."""
+        return "" if self.place is None else f" at {self.place.point}"
 
     @property
     def _changed(self) -> dict[str, float]:
@@ -76,7 +92,11 @@ class SimulatorReport(StructureReport):
             lines.append(f"With this the simulator gave no motion: {self.trouble}.")
         added = [f"{k} = {v:.6g}" for k, v in self._changed.items()]
         if self.force is not None:
-            added.append(f"the force {self.force}")
+            added.append(f"the force {self.force}{self._there}")
+        if self.mass:
+            added.append(f"a mass of {self.mass:.4g} kg{self._there}")
+        if self.place is not None:
+            lines.append(f"Place: {self.place}.")
         lines += words.within(self.reduced.within)
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)
@@ -115,6 +135,8 @@ class SimulatorReport(StructureReport):
             "missed": self.missed,
             "values": self.values,
             "force": None if self.force is None else f"{self.force}",
+            "mass": self.mass,
+            "place": None if self.place is None else self.place.content(),
             "force_laws": None if self.force is None else self.force.content(),
             "releases": [list(pair) for pair in self.seen.released],
         }

@@ -9,7 +9,7 @@ backwards, and what it gives from the beginning of the record on is compared.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -17,11 +17,13 @@ from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.structure import Moved, linear_parts, start_of
 from romsindy.effects.base import TermEffect
+from romsindy.effects.stiffness import MoreMass
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part, extended
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination, Term
 from romsindy.record.decay import Decay
 from romsindy.simulator.force import LawForce
@@ -44,6 +46,8 @@ _EARLIEST = 16  # turns since a release that is looked for
 _FARTHER, _RUNAWAY = 1.15, 2.0
 _ECHOES = 3  # times that other modes are followed from the latest to the earliest release
 _TIGHT = 1e-9
+_FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_PART, _SPLINE = 10, 60  # of a simulated decay tells how far a point moves, and samples at least
 
 
 class ForceScale(NamedTuple):
@@ -57,6 +61,7 @@ class ForceScale(NamedTuple):
 class ValueEffect(TermEffect):
     """A value that the simulator takes is another than assumed; the strength is its change.
 
+    Where it is assumed to be zero it cannot be less, and its ``size`` is that of a change.
     ``direction`` is what a unit of the change does to the coefficients of the equation, ``assumed``
     the value, ``tolerance`` the standard deviation of a change that is known to be near 0.
     """
@@ -65,6 +70,7 @@ class ValueEffect(TermEffect):
     assumed: float
     direction: Combination
     tolerance: float | None = None  # type: ignore[misc]
+    size: float = 0.0  # of a change, where it is assumed to be zero
 
     family = "value"
     advice = "measure the value by itself"
@@ -78,6 +84,16 @@ class ValueEffect(TermEffect):
     def label(self) -> str:  # type: ignore[override]
         """As an engineer says it."""
         return f"another {self.value_name} than {self.assumed:.6g}"
+
+    @property
+    def sign(self) -> int:  # type: ignore[override]
+        """What is assumed to be zero is not less."""
+        return int(self.assumed == 0)
+
+    @property
+    def scale(self) -> float:
+        """The size of what it may be."""
+        return abs(self.assumed) or self.size
 
     def term(self) -> Combination:
         return self.direction
@@ -123,6 +139,7 @@ class OnSimulator:
     values: Mapping[str, float]  # as they were assumed
     # What a force at its point does to the coordinate; None where it takes none
     scale: ForceScale | None = None
+    point: str | None = None  # at which it acts, if not the simulator's own
     reach: tuple[float, float] = (0.0, 0.0)  # largest displacement and velocity of the coordinate
     # Releases, and where the coordinate began
     released: list[tuple[float, float]] = field(default_factory=list)
@@ -162,6 +179,8 @@ class OnSimulator:
     def _possible(self, part: Part) -> bool:
         if isinstance(part.effect, ValueEffect):
             return True
+        if isinstance(part.effect, MoreMass):
+            return self.simulator.takes_mass and self.scale is not None
         law = part.effect.term() if isinstance(part.effect, TermEffect) else None
         if law is None or self.scale is None:
             return False
@@ -172,13 +191,61 @@ class OnSimulator:
         laws = tuple(
             (self._smooth(part.effect.term()), float(part.strengths[0, 0]))
             for part in self.with_effects(parts)
-            if not isinstance(part.effect, ValueEffect)
+            if not isinstance(part.effect, (ValueEffect, MoreMass))
         )
         if self.scale is None or not laws:
             return None
         q, q_dot = self.reach
         reach = (q * self.scale.per_q, q_dot * self.scale.per_q)
         return LawForce(laws, self.scale.mass, self.scale.per_q, reach)
+
+    def mass(self, parts: Sequence[Part]) -> float:
+        """The mass at the point that stands for some parts, kg."""
+        added = (p for p in self.with_effects(parts) if isinstance(p.effect, MoreMass))
+        share = sum(float(p.strengths[0, 0]) for p in added)
+        return share and share * self.scale.mass / self.scale.per_q**2  # type: ignore[union-attr]
+
+    def acts(self, parts: Sequence[Part]) -> bool:
+        """Whether some parts are at the point."""
+        return self.force(parts) is not None or self.mass(parts) != 0
+
+    @property
+    def points(self) -> Mapping[str, Array]:
+        """Where what is missing may act, the simulator's own point first; often none is named."""
+        return self.simulator.points if self.scale is not None else {}
+
+    @property
+    def at_point(self) -> str:
+        """The name of the point at which it acts; the first is the simulator's own."""
+        return self.point or next(iter(self.points), "")
+
+    def at(self, point: str) -> OnSimulator:
+        """The same with what acts at another point of the simulator.
+
+        How far that moves with the coordinate a force of nothing sees there.
+        """
+        assert self.scale is not None  # it takes a force
+        release, q = max(self.released, key=lambda pair: abs(pair[0]))
+        whole = next(a for a in self.simulator.computed if a.release == release)
+        t = whole.t[: max(len(whole.t) // _PART, _SPLINE)]
+        probe = ProbeSpring(0.0)
+        moved = replace(self, point=point).simulated(q, t, probe)
+        scale = self.scale._replace(per_q=self.per_q(moved, probe.seen))
+        return replace(self, point=point, scale=scale)
+
+    def per_q(self, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:
+        """How far the point of a force moves where the coordinate moves by 1.
+
+        A program reads a file, and nobody sees where: it is taken for the first sensor.
+        """
+        inside = np.array([row for row in seen if moved.t[0] <= row[0] <= moved.t[-1]])
+        if not len(inside):
+            return 1.0
+        order = np.argsort(inside[:, 0])
+        at, x = inside[order].T
+        q = self.coordinate(moved.at(at))
+        per_q = float(q @ x / (q @ q))
+        return 1.0 if abs(per_q - 1) < _FIRST_SENSOR else per_q
 
     def _smooth(self, law: Term | None) -> Term:
         assert law is not None  # `with_effects` asked
@@ -200,8 +267,8 @@ class OnSimulator:
         values: Mapping[str, float] | None = None,
     ) -> SimulatedDecay:
         """Let the simulator go with the coordinate at ``q``."""
-        known = self.values if values is None else values
-        return self.simulator.decay(self.release_at(q), t, len(self.shape), force, known)
+        known, n = self.values if values is None else values, len(self.shape)
+        return self.simulator.decay(self.release_at(q), t, n, force, known, self.point)
 
     def release_at(self, q: float) -> float:
         """The release after which the coordinate begins at ``q``.
@@ -265,7 +332,9 @@ class OnSimulator:
             raise TrajectoryError(f"the motion did not turn {turns} times before the record began")
         q, before = past.releases[turns]
         t = times(before + end, record.decay.dt, record.rate)
-        answer = self.simulated(q, t, self.force(parts), self.values_with(parts))
+        mass = self.mass(parts)
+        values = self.values_with(parts) | ({"mass": mass} if mass else {})
+        answer = self.simulated(q, t, self.force(parts), values)
         return Run(turns, q, before, answer)
 
     def _turns(
@@ -303,6 +372,22 @@ class OnSimulator:
         best, least = min(known, key=lambda k: left[k]), left[usual.turns]
         told = _TELLS if usual.turns else _TELLS_OF_REST
         return best if left[best] * told < least else usual.turns
+
+
+@dataclass
+class ProbeSpring:
+    """A force -k x that keeps when (s) it was asked, and at which displacement of its point."""
+
+    stiffness: float
+    seen: list[tuple[float, float]] = field(default_factory=list)
+
+    def __call__(self, t: float, x: float, v: float) -> float:
+        self.seen.append((float(t), float(x)))
+        return -self.stiffness * float(x)
+
+    def code(self, language: str) -> str:
+        """As that of every force."""
+        return LawForce(((Stiffness(1), self.stiffness),), 1.0).code(language)
 
 
 class Run(NamedTuple):

@@ -20,6 +20,7 @@ from romsindy.diagnosis.all_sensors import (
     without,
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
+from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, likeliest_place
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, ValueEffect
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
@@ -64,6 +65,7 @@ class SimulatorRounds(Rounds):
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
     variances: dict[tuple[str, str], Array] = field(default_factory=dict)
     there: bool = False  # whether the last step towards the records was within its errors
+    place: PlaceOnStructure | None = None  # of what acts at a point, once it was looked for
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
@@ -154,16 +156,16 @@ class SimulatorRounds(Rounds):
         if len(self.structure.shape) > 1:
             found = self._with_one_value(found)
         for _ in range(_LISTENED if len(self.structure.shape) > 1 else 0):
-            report = found.report
+            report, before = found.report, self.structure
             asked = self.near(report, _MOST)
             said = bool(report.best.effects) and report.verdict != "none"
-            if found.trouble or not said or len(asked) < 2:
+            if found.trouble or not said or (len(asked) < 2 and not before.points):
                 break
             if self.options.over:
                 return found._replace(report=replace(report, interrupted=True))
             try:
                 best = self.likeliest(asked, self._heard(asked, found))
-                if best.names == report.best.names:
+                if best.names == report.best.names and self.structure is before:
                     look = self._look((), found.corrected, len(report.best.effects))
                     if look.best.names == best.names:
                         return found._replace(report=look)
@@ -172,8 +174,10 @@ class SimulatorRounds(Rounds):
                     parts = self.structure.with_effects(best.parts)
                     again = self.run((), self.simulate(parts), parts)
             except self.structure.failures:  # what was found stands
+                self.structure = before
                 break
             if again.trouble:
+                self.structure = before
                 break
             found = again
             if found.report.best.names == best.names:
@@ -221,19 +225,46 @@ class SimulatorRounds(Rounds):
         return known
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
-        """What all sensors say of explanations, and of none: minus twice their log-likelihood."""
-        read = [self._read(i) for i in range(self.n_training)]
+        """What all sensors say of explanations, and of none: minus twice their log-likelihood.
+
+        What acts at a point is heard wherever it may be; the structure has it where the likeliest
+        explanation is likeliest.
+        """
+        read, here = [self._read(i) for i in range(self.n_training)], self.structure
         left = {frozenset[str](): self._left(read, [self._without(*x) for x in enumerate(read)])}
+        places: dict[Names, PlaceOnStructure | None] = {}
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
+            parts = here.with_effects(h.parts)
             if h.names == found.report.best.names:
-                motions = [found.corrected[i].readings[: len(r.t)] for i, r in enumerate(read)]
-            else:
-                parts = self.structure.with_effects(h.parts)
-                motions = [self._motion(i, parts, float(r.t[-1])) for i, r in enumerate(read)]
-            left[names_of(h)] = self._left(read, motions)
+                parts = found.parts
+            left[names_of(h)], places[names_of(h)] = self._anywhere(read, parts)
         noise = noise_of(min(left.values()), read)
+        best = min(places, key=lambda names: left[names])
+        self.place = places[best]
+        if self.place is not None and self.place.point != here.at_point:
+            self.structure = here.at(self.place.point)
         return {names: x / noise for names, x in left.items()}
+
+    def _anywhere(
+        self, read: Sequence[Readings], parts: tuple[Part, ...]
+    ) -> tuple[float, PlaceOnStructure | None]:
+        """Chi-square that some parts leave of all sensors, where they are likeliest."""
+        here, points = self.structure, self.structure.points
+
+        def misfit(point: str, share: float = 1.0) -> float:
+            there, part = here if point == here.at_point else here.at(point), heard(share)
+            return self._left(part, [self._motion(i, parts, r, there) for i, r in enumerate(part)])
+
+        def heard(share: float) -> list[Readings]:
+            return [r.part(share) for r in read]
+
+        def noise(least: float, share: float) -> float:
+            return noise_of(least, heard(share))
+
+        if not points or not here.acts(parts):
+            return misfit(here.at_point), None
+        return likeliest_place(points, here.at_point, misfit, noise)
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
         """Chi-square of what motions leave of all sensors."""
@@ -248,17 +279,23 @@ class SimulatorRounds(Rounds):
 
     def _without(self, i: int, read: Readings) -> Array:
         """What the sensors read of the simulator as it is, along the first mode as measured."""
-        motion, smooth = self._motion(i, (), float(read.t[-1])), self.smooth[i]
+        motion, smooth = self._motion(i, (), read, self.structure), self.smooth[i]
         measured = smooth.spline(smooth.t[: len(motion)])[0]
         return followed(motion, self.structure.coordinate(motion), measured, read.t)
 
-    def _motion(self, i: int, parts: tuple[Part, ...], end: float) -> Array:
-        """What the sensors read of the simulator with some parts, until a time of a record (s)."""
-        record = self.records[i].until(end)
+    def _motion(
+        self,
+        i: int,
+        parts: tuple[Part, ...],
+        read: Readings,
+        structure: OnSimulator,
+    ) -> Array:
+        """What the sensors read of the simulator with some parts, as long as they are heard."""
+        record = self.records[i].until(float(read.t[-1]))
         equation = equation_of(self.model, parts, i, record)
-        start = self.structure.start(self.model, parts, self.smooth[i])
+        start = structure.start(self.model, parts, self.smooth[i])
         given = (equation, parts, record, self.raw[i], start, self.releases[i])
-        return np.asarray(self.structure.moved(*given).readings[record.derivative])
+        return np.asarray(structure.moved(*given).readings[record.derivative])
 
     def own_error(self, found: Sequence[Corrected]) -> float:
         """Rms of measured minus simulated over the noise, at the worst sensor of all records."""
@@ -348,7 +385,7 @@ class SimulatorRounds(Rounds):
         if not isinstance(part.effect, ValueEffect):
             return np.asarray(_STEP * values)
         turned = max(r.rate * min(float(r.t[-1]), end) for r in self.records)
-        return np.full(1, _TURN / turned * abs(part.effect.assumed))
+        return np.full(1, _TURN / turned * part.effect.scale)
 
     def _linear(
         self, i: int, now: Now, parts: tuple[Part, ...], steps: Array, end: float

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import eigh
 
 from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
-from romsindy.diagnosis.on_simulator.seen import ForceScale, OnSimulator, ValueEffect
+from romsindy.diagnosis.on_simulator.seen import (
+    ForceScale,
+    OnSimulator,
+    ProbeSpring,
+    ValueEffect,
+)
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
@@ -23,15 +28,14 @@ from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.records.record import Record, scales
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
 from romsindy.typing import Array
 
-Values = Mapping[str, tuple[float, float | None]]  # as assumed, and a relative standard deviation
+# As assumed, and a standard deviation: relative, but for what is zero.
+Values = Mapping[str, tuple[float, float | None]]
 
 _MOST_RELEASES = 20
 _NEXT, _DOWN_TO = 0.6, 1.5  # of the release before; of the least amplitude of the records
@@ -40,7 +44,6 @@ _LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Visco
 _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
-_FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
 _TOGETHER = 1e-4  # of the largest motion: what channels do beside it, at least, tells modes apart
 _LOUDER = 3.0  # times the noise, at the most, where other modes do not show
 _VIBRATES = 6  # crossings: what has fewer is no vibration, and is refused as that
@@ -96,6 +99,7 @@ def diagnose_simulator(
             " compare its frequency with theirs, and check units"
         ) from error
     found = rounds.over_all_sensors(rounds.run((), before)).or_before(before)
+    on = rounds.structure
     report = SimulatorReport(
         reduced=rounds.with_values_of_simulator(found),
         parts=found.parts,
@@ -103,6 +107,7 @@ def diagnose_simulator(
         trouble=found.trouble,
         seen=on,
         missed=known.missed,
+        place=rounds.place if on.acts(found.parts) else None,
     )
     if report.not_there or report.trouble:  # the simulator is what it was
         return replace(report, parts=())
@@ -307,24 +312,8 @@ def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
             f"simulator {on.simulator.name}: a force -k x makes it softer: add force(t, x, v) to"
             " the forces that push the point, not to those that hold it"
         )
-    per_q = _per_q(on, moved, spring.seen)
+    per_q = on.per_q(moved, spring.seen)
     return ForceScale(stiffness * per_q**2 / (change * omega2), per_q)
-
-
-@dataclass
-class ProbeSpring:
-    """A force -k x that keeps when (s) it was asked, and at which displacement of its point."""
-
-    stiffness: float
-    seen: list[tuple[float, float]] = field(default_factory=list)
-
-    def __call__(self, t: float, x: float, v: float) -> float:
-        self.seen.append((float(t), float(x)))
-        return -self.stiffness * float(x)
-
-    def code(self, language: str) -> str:
-        """As that of every force."""
-        return LawForce(((Stiffness(1), self.stiffness),), 1.0).code(language)
 
 
 def _linear_change(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> float:
@@ -333,32 +322,17 @@ def _linear_change(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> 
     return float(_changes(model, linear_parts(record), record)[0])
 
 
-def _per_q(on: OnSimulator, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:
-    """How far the point of a force moves where the coordinate moves by 1.
-
-    A program reads a file, and nobody sees where: it is taken for the first sensor.
-    """
-    inside = np.array([row for row in seen if moved.t[0] <= row[0] <= moved.t[-1]])
-    if not len(inside):
-        return 1.0
-    order = np.argsort(inside[:, 0])
-    at, x = inside[order].T
-    q = on.coordinate(moved.at(at))
-    per_q = float(q @ x / (q @ q))
-    return 1.0 if abs(per_q - 1) < _FIRST_SENSOR else per_q
-
-
 def _value_effect(
     on: OnSimulator, model: ReducedModel, name: str, tolerance: float | None
 ) -> ValueEffect:
     """What a change of a value of the simulator does to its equation."""
-    value = on.values[name]
-    if value == 0:
+    value, zero = on.values[name], on.simulator.steps.get(name, 0.0)
+    if value == 0 == zero:
         raise ValueError(
             f"parameters of {name!r} = 0: a part of it is 0 as well; give it the size that it may"
             " have"
         )
-    step = _STEP * value
+    step = _STEP * value or zero
     release, q = max(on.released, key=lambda pair: abs(pair[0]))
     base = next(a for a in on.simulator.computed if a.release == release)
     there = on.simulated(q, base.t, values={**on.values, name: value + step})
@@ -367,8 +341,8 @@ def _value_effect(
         - _coefficients(on, model, base.displacements, base.t)
     ) / step
     direction = Combination(name, model.terms, tuple(slopes.tolist()))
-    deviation = None if tolerance is None else tolerance * abs(value)
-    return ValueEffect(name, value, direction, deviation)
+    deviation = None if tolerance is None else tolerance * (abs(value) or 1.0)
+    return ValueEffect(name, value, direction, deviation, zero)
 
 
 def _coefficients(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> Array:

@@ -1,0 +1,92 @@
+"""Where on a simulated structure something acts: at which of the points that it offers.
+
+The first mode alone does not tell: a force elsewhere, as much larger as the point moves less, does
+the same to it. Other modes are moved, damped and detuned in proportions that go with the point.
+Points far from each other are tried first, on the first cycles, in which a mode that is detuned
+has not lost step yet; then those about the likeliest, on more of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.fit.verdict import PLACE, PLACE_RISE
+from romsindy.typing import Array
+
+# Parts of what all sensors are heard of, one after the other, and how many new points in each
+_LEVELS = ((0.25, 16), (0.5, 8), (1.0, 6), (1.0, 6))
+_CLOSE = 0.03  # of the size: nearer to each other none is tried
+_SPANS = 0.2  # of the size: along an axis on which the structure is smaller nothing is told
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceOnStructure:
+    """Where an effect acts: the likeliest point, and the box of those that may be, m."""
+
+    point: str
+    at: Array  # (3,)
+    low: Array  # (3,)
+    high: Array  # (3,)
+    extent: Array  # (3,), of the structure
+
+    @property
+    def told(self) -> bool:
+        """Whether the data can tell where."""
+        return bool(np.linalg.norm(self.high - self.low) < PLACE * np.linalg.norm(self.extent))
+
+    def __str__(self) -> str:
+        if not self.told:
+            return "these data cannot tell at which point of the structure it acts"
+        along = self.extent > _SPANS * np.linalg.norm(self.extent)
+        rows = zip("xyz", self.at, self.low, self.high, along, strict=True)
+        spans = [f"{n} = {x:.3g} ({a:.3g} to {b:.3g}) m" for n, x, a, b, told in rows if told]
+        return f"it acts at {self.point}, {', '.join(spans)}"
+
+    def content(self) -> dict[str, object]:
+        """What JSON keeps of it."""
+        box = {name: getattr(self, name).tolist() for name in ("at", "low", "high")}
+        return {"point": self.point, **box, "told": self.told}
+
+
+def likeliest_place(
+    points: Mapping[str, Array],
+    first: str,
+    misfit: Callable[[str, float], float],
+    noise: Callable[[float, float], float],
+) -> tuple[float, PlaceOnStructure]:
+    """The least misfit, and its place.
+
+    ``first`` is tried before all others, and kept unless another one is better beyond doubt.
+    ``misfit`` is of a point on a part of the readings, and ``noise`` what counts as 1 of it, by the
+    least of all.
+    """
+    names, places = [*points], np.array([*points.values()])
+    extent = np.ptp(places, axis=0)
+    close, own = _CLOSE * float(np.linalg.norm(extent)), names.index(first)
+    likely, reach = {own}, np.inf
+    for share, more in _LEVELS:
+        near = np.flatnonzero(_distance(places, places[[*likely]]) <= reach)
+        chosen = {own, *likely}
+        for _ in range(more):
+            apart = _distance(places[near], places[[*chosen]])
+            if apart.max() <= close:
+                break
+            chosen.add(int(near[np.argmax(apart)]))
+        left = {i: misfit(names[i], share) for i in sorted(chosen)}
+        least = min(left.values())
+        rise = PLACE_RISE * noise(least, share)
+        likely = {i for i, x in left.items() if x - least <= rise}
+        # Between points that were tried one may be as likely.
+        reach = max(float(_distance(places[near], places[[*chosen]]).max()), close)
+    best = own if own in likely else min(left, key=lambda i: left[i])
+    box = places[_distance(places, places[[*likely]]) <= reach]
+    found = PlaceOnStructure(names[best], places[best], box.min(axis=0), box.max(axis=0), extent)
+    return left[best], found
+
+
+def _distance(places: Array, others: Array) -> Array:
+    """Of each place (n, 3) to the nearest of others (m, 3)."""
+    return np.asarray(np.linalg.norm(places[:, None] - others, axis=2).min(axis=1))
