@@ -12,7 +12,7 @@ import resource
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -70,19 +70,30 @@ def write_deck(
     poisson: float,
     density: float,
     kind: str = "C3D20R",
+    parts: Mapping[str, Callable[[Array], bool]] | None = None,
 ) -> Path:
-    """Write a deck; ``held`` are the numbers of the nodes that are clamped."""
+    """Write a deck; ``held`` are the numbers of the nodes that are clamped.
+
+    Elements are in the first of the ``parts`` that has their middle, each a set with a section.
+    """
     places, elements = mesh
+    sets: dict[str, list[int]] = {name: [] for name in [*(parts or {}), "SOLID"]}
+    for i, nodes in enumerate(elements):
+        middle = places[np.array(nodes) - 1].mean(axis=0)
+        inside = (name for name, has in (parts or {}).items() if has(middle))
+        sets[next(inside, "SOLID")].append(i)
     lines = ["*NODE, NSET=ALL"]
     lines += [f"{i}, {x:.12g}, {y:.12g}, {z:.12g}" for i, (x, y, z) in enumerate(places, 1)]
-    lines.append(f"*ELEMENT, TYPE={kind}, ELSET=SOLID")
-    for i, nodes in enumerate(elements, 1):
-        lines += [", ".join(map(str, [i, *nodes[:10]])) + ",", ", ".join(map(str, nodes[10:]))]
+    for name, members in sets.items():
+        lines.append(f"*ELEMENT, TYPE={kind}, ELSET={name}")
+        for i in members:
+            first, last = elements[i][:10], elements[i][10:]
+            lines += [", ".join(map(str, [i + 1, *first])) + ",", ", ".join(map(str, last))]
     clamped = [f"{n}," for n in held]
     if clamped:
         lines += ["*NSET, NSET=HELD", *clamped, "*BOUNDARY", "HELD, 1, 3"]
     lines += ["*MATERIAL, NAME=M", "*ELASTIC", f"{young}, {poisson}", "*DENSITY", f"{density}"]
-    lines += ["*SOLID SECTION, ELSET=SOLID, MATERIAL=M"]
+    lines += [f"*SOLID SECTION, ELSET={name}, MATERIAL=M" for name in sets]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
@@ -100,12 +111,17 @@ def clamped_beam(path: Path) -> Path:
     return write_deck(path, mesh, held, young=160e3, poisson=0.22, density=2.32e-3)
 
 
-def arch(path: Path, rise: float, counts: Sequence[int] = (24, 2, 1)) -> Path:
+def arch(
+    path: Path,
+    rise: float,
+    counts: Sequence[int] = (24, 2, 1),
+    parts: Mapping[str, Callable[[Array], bool]] | None = None,
+) -> Path:
     """A strip of steel, 300 x 20 x 2 mm, clamped at both ends, its middle higher by ``rise``."""
     places, elements = block(counts, (0.3, 0.02, 0.002))
     held = at(places, 0, 0.0, 0.3)
     places[:, 2] += 4 * rise * places[:, 0] * (0.3 - places[:, 0]) / 0.3**2
-    return write_deck(path, (places, elements), held, **STEEL)
+    return write_deck(path, (places, elements), held, **STEEL, parts=parts)
 
 
 def plate(path: Path, counts: Sequence[int] = (14, 10, 1)) -> Path:

@@ -109,12 +109,12 @@ class StructureSimulator:
     @property
     def values(self) -> dict[str, float]:
         """Values of parts as the deck has them."""
-        return {name: v.values[0] and 1.0 for name, v in self.parts.items()}
+        return {name: v.assumed for name, v in self.parts.items()}
 
     @property
     def steps(self) -> dict[str, float]:
         """By how much values change that are zero in the deck."""
-        return {name: v.values[1] for name, v in self.parts.items() if not v.values[0]}
+        return {name: v.scale for name, v in self.parts.items() if v.scale}
 
     @property
     def __name__(self) -> str:

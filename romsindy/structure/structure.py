@@ -22,6 +22,7 @@ from romsindy.structure.store import CaseStore
 from romsindy.structure.varied import (
     CLAMP,
     PART,
+    SOFT,
     Member,
     PartValue,
     Varied,
@@ -308,7 +309,7 @@ class Structure(LinearModel):
             SI units in one of the model.  [default: m, kg]
         values : sequence of str
             Values of parts that the simulator takes as well, as `varied` names them; a clamp in
-            m/N. Two further decks are held for each, and between them it is a parabola.
+            m/N. Further decks are held for each, with a polynomial between them.
         """
         stated = damping if isinstance(damping, Damping) else Damping(damping)
         for name, value in stated._asdict().items():
@@ -333,8 +334,8 @@ class Structure(LinearModel):
         self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
     ) -> Varied:
         """Decks with other values of a part."""
-        part, unit = PartValue.of_name(name), 1.0
-        values = (1 - PART, 1.0, 1 + PART)
+        part = PartValue.of_name(name)
+        assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 - PART, 1 + PART]
         if part is not None and part.kind == CLAMP:
             mode, unit = self.mode(kept[0]), units.length / units.force
 
@@ -343,7 +344,7 @@ class Structure(LinearModel):
 
             slight = 1e-3 * float(np.abs(mode.shape).max()) ** 2 / mode.omega2
             softer = softened(omega2, slight)
-            values = (0.0, softer, 2 * softer)
+            assumed, scale, values = 0.0, unit * softer * SOFT[0], [softer * x for x in SOFT]
 
         def member(value: float) -> Member:
             other = self.varied(name, value)
@@ -351,5 +352,4 @@ class Structure(LinearModel):
                 self, kept, other, lambda n: other.static_curve(n, reach, tolerance).curve
             )
 
-        decks = [None if v in (0.0, 1.0) else member(v) for v in values]
-        return Varied(tuple(unit * v for v in values), tuple(decks))
+        return Varied(assumed, tuple((unit * v, member(v)) for v in values), scale)

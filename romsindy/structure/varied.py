@@ -1,4 +1,4 @@
-"""Values of parts of a deck: other decks are held beside it, and what lies between is a parabola.
+"""Values of parts of a deck: other decks are held beside it, and what lies between is a polynomial.
 
 Modulus and density of a set of elements are told as factors, the compliance of a clamp (a set of
 nodes that is held) in m/N of all its nodes together.
@@ -25,6 +25,7 @@ CLAMP = "clamp"
 _KINDS = (*MATERIAL, CLAMP)
 _NAME = "ROMSINDY"
 PART = 0.1  # by which a modulus or a density of a part is varied to either side
+SOFT = (0.05, 0.2, 0.6, 2.0, 5.0)  # of the compliance of a clamp that is felt
 # By which a clamp changes omega^2: wanted, and near enough
 _SOFTER, _NEAR, _TRIED = 0.02, 2.0, 8
 
@@ -184,10 +185,28 @@ class Member:
 
 
 class Varied(NamedTuple):
-    """The decks of a value, beside the deck as it is."""
+    """The decks of a value, beside the deck as it is.
 
-    values: tuple[float, ...]  # of the decks, that as it is among them
-    members: tuple[Member | None, ...]  # None is the deck as it is
+    Between them it is a polynomial in the value v; with a ``scale`` in log(1 + v / scale), for a
+    clamp first frees what is pressed sideways, and then turns.
+    """
+
+    assumed: float  # value of the deck as it is
+    members: tuple[tuple[float, Member], ...]  # others, with their values
+    scale: float = 0.0
+
+    def weights(self, value: float) -> Array:
+        """Of the decks in what lies at a value, that as it is first, by Lagrange."""
+        at = np.array([self.assumed, *(v for v, _ in self.members), value])
+        if self.scale:
+            at = np.sign(at) * np.log1p(np.abs(at) / self.scale)
+        nodes, there = at[:-1], at[-1]
+        return np.array(
+            [
+                np.prod((there - np.delete(nodes, i)) / (x - np.delete(nodes, i)))
+                for i, x in enumerate(nodes)
+            ]
+        )
 
 
 def member_of(
@@ -215,17 +234,12 @@ def member_of(
 
 
 def between(base: Member, given: Sequence[tuple[Varied, float]]) -> Member:
-    """A structure at values of its parts: a parabola through its decks, one value by another."""
+    """A structure at values of its parts: between its decks, what each value does summed up."""
     weights, members = [1.0], [base]
     for varied, value in given:
-        for own, member in zip(varied.values, varied.members, strict=True):
-            others = np.array([v for v in varied.values if v != own])
-            weight = float(np.prod((value - others) / (own - others)))
-            if member is None:
-                weights[0] += weight - 1
-            else:
-                weights.append(weight)
-                members.append(member)
+        own, *others = varied.weights(value).tolist()
+        weights = [weights[0] + own - 1, *weights[1:], *others]
+        members += [member for _, member in varied.members]
 
     def mixed(several: Iterator[Any]) -> Any:
         return sum(w * x for w, x in zip(weights, several, strict=True))
