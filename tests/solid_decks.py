@@ -1,4 +1,4 @@
-"""The decks of the benchmark, and the mark of tests that need CalculiX."""
+"""The decks and chains of the benchmarks, and the mark of tests that need CalculiX."""
 
 import importlib.util
 import shutil
@@ -6,10 +6,16 @@ from pathlib import Path
 
 import pytest
 
-_PATH = Path(__file__).resolve().parents[1] / "benchmarks" / "decks.py"
-_spec = importlib.util.spec_from_file_location("benchmark_decks", _PATH)
-decks = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(decks)
+
+def _benchmark(name):
+    path = Path(__file__).resolve().parents[1] / "benchmarks" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", path)
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+decks, structure_trials = _benchmark("decks"), _benchmark("structure_trials")
 
 needs_ccx = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="there is no CalculiX here (ccx): apt install calculix-ccx"

@@ -1,0 +1,62 @@
+"""Where on a structure something acts, against places that are known."""
+
+import numpy as np
+import pytest
+from solid_decks import structure_trials
+
+import romsindy as rs
+from romsindy.diagnosis.on_simulator.places import likeliest_place
+
+PLATE = {
+    f"{i}:3": np.array([x, y, 0.0])
+    for i, (x, y) in enumerate((x, y) for x in np.linspace(0, 2, 33) for y in np.linspace(0, 1, 17))
+}
+
+
+def _looked_for(at, width, first="0:3", floor=1000.0):
+    """The place in a well of a ``width`` that narrows with what is heard, and how often was asked.
+
+    A mode that is detuned loses step sooner where it is detuned more: far away all is as bad.
+    """
+    asked = []
+
+    def misfit(point, share):
+        asked.append(point)
+        off = np.linalg.norm(PLATE[point] - at) / (width / share)
+        return floor + 1e5 * share * off**2 / (1 + off**2)
+
+    least, place = likeliest_place(PLATE, first, misfit, lambda least, share: least / floor)
+    return least, place, len(asked)
+
+
+@pytest.mark.parametrize("at", [(0.4375, 0.25, 0.0), (1.3125, 0.75, 0.0), (1.9375, 0.0625, 0.0)])
+def test_a_narrow_well_is_found_among_many_points(at):
+    """Of 561 points a tenth is asked."""
+    at = np.array(at)
+    _, place, count = _looked_for(at, 0.15)
+    assert place.at == pytest.approx(at, abs=0.07) and count < 70
+    assert np.all(place.low <= at + 1e-12) and np.all(at <= place.high + 1e-12)
+    assert place.told and "it acts at" in str(place) and "x = " in str(place)
+
+
+def test_where_all_points_do_the_same_the_first_is_kept():
+    least, place, _ = _looked_for(np.array([1.0, 0.5, 0.0]), 1e9, first="200:3")
+    assert place.point == "200:3" and not place.told and least == pytest.approx(1000.0)
+    assert str(place) == "these data cannot tell at which point of the structure it acts"
+    assert place.low == pytest.approx([0, 0, 0]) and place.high == pytest.approx([2, 1, 0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1201, 1205])
+def test_a_damper_and_a_mass_on_a_chain_are_found_where_they_are(seed):
+    """The truth is the whole chain in time, all its freedoms; the simulator has three modes."""
+    hidden = structure_trials.hidden_of(seed, False)
+    parameters = dict.fromkeys(("modulus", "density"), 1.0)
+    records = structure_trials.measured(hidden, seed)
+    report = rs.diagnose(structure_trials.told(), records, parameters=parameters, free=[])
+    assert structure_trials.right(hidden, report) and structure_trials.holds(hidden, report)
+    if hidden.kind == "mass":
+        assert report.mass == pytest.approx(hidden.strength, rel=0.05)
+    else:
+        assert -report.force(0.0, 0.0, 1.0) == pytest.approx(hidden.strength, rel=0.05)
+    assert f"at {hidden.node}:3" in report.recipe
