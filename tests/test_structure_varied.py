@@ -6,7 +6,7 @@ from solid_decks import decks, needs_ccx
 
 import romsindy as rs
 from romsindy.structure.deck import Deck, DeckError
-from romsindy.structure.varied import PartValue, softened
+from romsindy.structure.parts import PartValue, softened
 
 ROOT = {"ROOT": lambda middle: middle[0] < 0.1}
 T = np.arange(0, 0.1, 2e-4)

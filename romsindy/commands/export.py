@@ -23,7 +23,7 @@ from romsindy.simulator.force import LawForce
 from romsindy.structure.corrected import Correction, corrected_deck
 from romsindy.structure.deck import Deck
 from romsindy.structure.deck_file import DeckFile, sensor_of
-from romsindy.structure.varied import PartValue
+from romsindy.structure.parts import PartValue
 from romsindy.text import listed
 
 _STDOUT = Path("-")

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.structure.deck import Deck
+from romsindy.structure.parts import CLAMP, MATERIAL, PartValue, times
 from romsindy.structure.simulator import Units
-from romsindy.structure.varied import CLAMP, MATERIAL, PartValue, times
 
 _FAR = 1e3  # times the size of the structure: from there a spring pulls along one direction
 _TABLE, _BEYOND = 401, 2.0  # points of a spring, and how far: it is constant beyond its table

@@ -16,19 +16,18 @@ from romsindy.structure.cases import DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
 from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
+from romsindy.structure.parts import CLAMP, PART, SOFT, PartValue, softened
 from romsindy.structure.reduction import Reduction, reduced
-from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
-from romsindy.structure.store import CaseStore
-from romsindy.structure.varied import (
-    CLAMP,
-    PART,
-    SOFT,
+from romsindy.structure.simulator import (
+    HELD_BY,
+    Damping,
     Member,
-    PartValue,
+    StructureSimulator,
+    Units,
     Varied,
     member_of,
-    softened,
 )
+from romsindy.structure.store import CaseStore
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4

@@ -291,11 +291,13 @@ class SimulatorRounds(Rounds):
         structure: OnSimulator,
     ) -> Array:
         """What the sensors read of the simulator with some parts, as long as they are heard."""
-        record = self.records[i].until(float(read.t[-1]))
+        own = self.records[i]
+        record = own.until(float(read.t[-1]) + own.decay.dt)
         equation = equation_of(self.model, parts, i, record)
         start = structure.start(self.model, parts, self.smooth[i])
         given = (equation, parts, record, self.raw[i], start, self.releases[i])
-        return np.asarray(structure.moved(*given).readings[record.derivative])
+        readings = structure.moved(*given).readings[record.derivative]
+        return np.asarray(readings[: len(read.t)])
 
     def own_error(self, found: Sequence[Corrected]) -> float:
         """Rms of measured minus simulated over the noise, at the worst sensor of all records."""

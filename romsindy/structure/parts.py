@@ -1,4 +1,4 @@
-"""Values of parts of a deck: other decks are held beside it, and what lies between is a polynomial.
+"""Values of parts of a deck, and decks that have others.
 
 Modulus and density of a set of elements are told as factors, the compliance of a clamp (a set of
 nodes that is held) in m/N of all its nodes together.
@@ -6,19 +6,14 @@ nodes that is held) in m/N of all its nodes together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csc_array
 
-from romsindy.structure.calculix import HeldCases
 from romsindy.structure.deck import Card, Deck, DeckError
-from romsindy.structure.held import HeldCurve
-from romsindy.structure.linear import LinearMode, LinearModel
 from romsindy.text import listed
-from romsindy.typing import Array
 
 MATERIAL = {"modulus": "ELASTIC", "density": "DENSITY"}
 CLAMP = "clamp"
@@ -165,93 +160,6 @@ def _of_text(card: Card, head: str, *data: str) -> Card:
     pairs = (p.partition("=") for p in rest if p)
     parameters = {key.strip().upper(): entry.strip() for key, _, entry in pairs}
     return replace(card, name=name.upper(), parameters=parameters, lines=(head, *data), data=data)
-
-
-# -- between decks ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """A deck of several: modes that are kept, and the curve of the first of them."""
-
-    omega2: Array  # (m,)
-    shapes: Array  # (m, n), of the free freedoms of the deck as it is
-    curve: HeldCurve
-
-    @property
-    def mass(self) -> csc_array:
-        """Of those freedoms."""
-        return self.curve.mode.mass
-
-
-class Varied(NamedTuple):
-    """The decks of a value, beside the deck as it is.
-
-    Between them it is a polynomial in the value v; with a ``scale`` in log(1 + v / scale), for a
-    clamp first frees what is pressed sideways, and then turns.
-    """
-
-    assumed: float  # value of the deck as it is
-    members: tuple[tuple[float, Member], ...]  # others, with their values
-    scale: float = 0.0
-
-    def weights(self, value: float) -> Array:
-        """Of the decks in what lies at a value, that as it is first, by Lagrange."""
-        at = np.array([self.assumed, *(v for v, _ in self.members), value])
-        if self.scale:
-            at = np.sign(at) * np.log1p(np.abs(at) / self.scale)
-        nodes, there = at[:-1], at[-1]
-        return np.array(
-            [
-                np.prod((there - np.delete(nodes, i)) / (x - np.delete(nodes, i)))
-                for i, x in enumerate(nodes)
-            ]
-        )
-
-
-def member_of(
-    base: LinearModel,
-    kept: Sequence[int],
-    other: LinearModel,
-    curve: Callable[[int], HeldCurve],
-) -> Member:
-    """Modes of another deck that are those of a deck, ``kept`` by number.
-
-    The first is held: ``curve`` gives its shapes, by its number in the other deck.
-    """
-    freedoms = zip(other.nodes.tolist(), other.directions.tolist(), strict=True)
-    row_of = {freedom: i for i, freedom in enumerate(freedoms)}
-    rows = [row_of[f] for f in zip(base.nodes.tolist(), base.directions.tolist(), strict=True)]
-    alike = other.shapes[:, rows] @ (base.mass @ base.shapes[[n - 1 for n in kept]].T)
-    found = np.argmax(np.abs(alike), axis=0)
-    signs = np.sign(alike[found, np.arange(len(kept))])
-    shapes = signs[:, None] * other.shapes[found][:, rows]
-    held = curve(int(found[0]) + 1)
-    mass = csc_array(other.mass[rows][:, rows])
-    mode = LinearMode(kept[0], held.omega2, shapes[0], mass)
-    cases = HeldCases(signs[0] * held.cases.factors, held.cases.shapes[:, rows])
-    return Member(other.omega[found] ** 2, shapes, replace(held, mode=mode, cases=cases))
-
-
-def between(base: Member, given: Sequence[tuple[Varied, float]]) -> Member:
-    """A structure at values of its parts: between its decks, what each value does summed up."""
-    weights, members = [1.0], [base]
-    for varied, value in given:
-        own, *others = varied.weights(value).tolist()
-        weights = [weights[0] + own - 1, *weights[1:], *others]
-        members += [member for _, member in varied.members]
-
-    def mixed(several: Iterator[Any]) -> Any:
-        return sum(w * x for w, x in zip(weights, several, strict=True))
-
-    q = base.curve.at
-    omega2, shapes = mixed(m.omega2 for m in members), mixed(m.shapes for m in members)
-    force = mixed(m.curve.force_at(q) for m in members)
-    follows = mixed(m.curve.following_at(q) for m in members)
-    mass = csc_array(mixed(m.mass for m in members))
-    mode = LinearMode(base.curve.mode.number, float(omega2[0]), shapes[0], mass)
-    cases = HeldCases(force, np.outer(q, shapes[0]) + follows)
-    return Member(omega2, shapes, HeldCurve(mode, cases, base.curve.order))
 
 
 def softened(omega2: Callable[[float], float], guess: float) -> float:
