@@ -133,6 +133,18 @@ def test_all_nodes_held(tmp_path):
         rs.Structure.from_calculix(deck, progress=False)
 
 
+def test_a_part_without_density_is_named_by_a_node(tmp_path):
+    """A second material that has none: its inner nodes have no mass."""
+    deck = decks.arch(tmp_path / "a.inp", 0.001, (4, 2, 1), {"ROOT": lambda x: x[0] < 0.1})
+    light = "*MATERIAL, NAME=LIGHT\n*ELASTIC\n2e11, 0.3\n*SOLID SECTION, ELSET=ROOT, MATERIAL=LIGHT"
+    text = deck.read_text()
+    deck.write_text(text.replace("*SOLID SECTION, ELSET=ROOT, MATERIAL=M", light))
+    with pytest.raises(
+        DeckError, match=r"has no mass in direction \d: .*\*DENSITY|refuses the deck"
+    ):
+        rs.Structure.from_calculix(deck, progress=False)
+
+
 @pytest.mark.slow
 def test_a_cantilever_of_solids_is_our_beam(tmp_path):
     """K/q and h of a slender cantilever, nu = 0, to 1e-3 of their change."""

@@ -120,17 +120,17 @@ def linear_modes(name: str, known: Matrices, count: int) -> Basis:
     count = min(count, n - 2)
     if count < 1:
         raise DeckError(f"{name}: {n} free degrees of freedom are too few to be reduced: give 3")
-    stiffness = known.stiffness
-    scale = float(np.max(stiffness.diagonal() / known.mass.diagonal()))
-    found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM")
-    order = np.argsort(found[0])
-    omega2 = np.where(found[0] > _RIGID * scale, found[0], 0.0)[order]
     least = _least_eigenvalue(known.mass)
     if least < -_SLIGHT:
         raise DeckError(
             f"{name}: the mass is not positive: an eigenvalue is {least:.2g} of the largest; use"
             " solids, masses and springs"
         )
+    stiffness = known.stiffness
+    scale = float(np.max(stiffness.diagonal() / known.mass.diagonal()))
+    found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM")
+    order = np.argsort(found[0])
+    omega2 = np.where(found[0] > _RIGID * scale, found[0], 0.0)[order]
     shapes = np.array([upright(x) for x in found[1].T[order]])
     return Basis(known, np.sqrt(omega2), shapes)
 

@@ -72,8 +72,8 @@ class Member:
         return self.curve.mode.mass
 
 
-class Varied(NamedTuple):
-    """The decks of a value, beside the deck as it is.
+class PartDecks(NamedTuple):
+    """The decks of a value of a part, beside the deck as it is.
 
     Between them it is a polynomial in the value v; with a ``scale`` in log(1 + v / scale), for a
     clamp first frees what is pressed sideways, and then turns.
@@ -121,7 +121,7 @@ def member_of(
     return Member(other.omega[found] ** 2, shapes, replace(held, mode=mode, cases=cases))
 
 
-def between(base: Member, given: Sequence[tuple[Varied, float]]) -> Member:
+def between(base: Member, given: Sequence[tuple[PartDecks, float]]) -> Member:
     """A structure at values of its parts: between its decks, what each value does summed up."""
     weights, members = [1.0], [base]
     for varied, value in given:
@@ -180,7 +180,7 @@ class StructureSimulator:
     rings: Sequence[int]
     held_by: str
     units: Units
-    parts: Mapping[str, Varied] = field(default_factory=dict)
+    parts: Mapping[str, PartDecks] = field(default_factory=dict)
     _between: dict[tuple[tuple[str, float], ...], StructureSimulator] = field(default_factory=dict)
 
     takes_force = True

@@ -24,7 +24,7 @@ from romsindy.structure.simulator import (
     Member,
     StructureSimulator,
     Units,
-    Varied,
+    PartDecks,
     member_of,
 )
 from romsindy.structure.store import CaseStore
@@ -331,7 +331,7 @@ class Structure(LinearModel):
 
     def _between(
         self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
-    ) -> Varied:
+    ) -> PartDecks:
         """Decks with other values of a part."""
         part = PartValue.of_name(name)
         assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 - PART, 1 + PART]
@@ -351,4 +351,4 @@ class Structure(LinearModel):
                 self, kept, other, lambda n: other.static_curve(n, reach, tolerance).curve
             )
 
-        return Varied(assumed, tuple((unit * v, member(v)) for v in values), scale)
+        return PartDecks(assumed, tuple((unit * v, member(v)) for v in values), scale)
