@@ -22,9 +22,9 @@ from romsindy.structure.simulator import (
     HELD_BY,
     Damping,
     Member,
+    PartDecks,
     StructureSimulator,
     Units,
-    PartDecks,
     member_of,
 )
 from romsindy.structure.store import CaseStore

@@ -17,8 +17,8 @@ from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
 
 # Parts of what all sensors are heard of, one after the other, and how many new points in each
-_LEVELS = ((0.25, 16), (0.5, 8), (1.0, 6), (1.0, 6))
-_CLOSE = 0.03  # of the size: nearer to each other none is tried
+_LEVELS = ((0.25, 16), (0.5, 8), (1.0, 6), (1.0, 6), (1.0, 6))
+_CLOSE = 0.01  # of the size: nearer to each other none is tried
 _SPANS = 0.2  # of the size: along an axis on which the structure is smaller nothing is told
 
 
@@ -31,6 +31,9 @@ class PlaceOnStructure:
     low: Array  # (3,)
     high: Array  # (3,)
     extent: Array  # (3,), of the structure
+    ends: tuple[str, str]  # points at the ends of the box, along its longest edge
+    # How many times as strong a mass, a spring or a damper is at either end, for the same effect
+    strengths: tuple[float, float] = (1.0, 1.0)
 
     @property
     def told(self) -> bool:
@@ -43,12 +46,17 @@ class PlaceOnStructure:
         along = self.extent > _SPANS * np.linalg.norm(self.extent)
         rows = zip("xyz", self.at, self.low, self.high, along, strict=True)
         spans = [f"{n} = {x:.3g} ({a:.3g} to {b:.3g}) m" for n, x, a, b, told in rows if told]
-        return f"it acts at {self.point}, {', '.join(spans)}"
+        low, high = sorted(self.strengths)
+        return (
+            f"it acts at {self.point}, {', '.join(spans)}; at the ends of that it is"
+            f" {low:.3g} and {high:.3g} times as strong"
+        )
 
     def content(self) -> dict[str, object]:
         """What JSON keeps of it."""
         box = {name: getattr(self, name).tolist() for name in ("at", "low", "high")}
-        return {"point": self.point, **box, "told": self.told}
+        strengths = list(self.strengths)
+        return {"point": self.point, **box, "told": self.told, "strengths": strengths}
 
 
 def likeliest_place(
@@ -82,9 +90,12 @@ def likeliest_place(
         # Between points that were tried one may be as likely.
         reach = max(float(_distance(places[near], places[[*chosen]]).max()), close)
     best = own if own in likely else min(left, key=lambda i: left[i])
-    box = places[_distance(places, places[[*likely]]) <= reach]
-    found = PlaceOnStructure(names[best], places[best], box.min(axis=0), box.max(axis=0), extent)
-    return left[best], found
+    inside = np.flatnonzero(_distance(places, places[[*likely]]) <= reach)
+    box = places[inside]
+    along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
+    ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]
+    given = places[best], box.min(axis=0), box.max(axis=0), extent, ends
+    return left[best], PlaceOnStructure(names[best], *given)
 
 
 def _distance(places: Array, others: Array) -> Array:

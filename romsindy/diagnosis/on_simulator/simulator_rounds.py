@@ -242,9 +242,19 @@ class SimulatorRounds(Rounds):
         noise = noise_of(min(left.values()), read)
         best = min(places, key=lambda names: left[names])
         self.place = places[best]
-        if self.place is not None and self.place.point != here.at_point:
-            self.structure = here.at(self.place.point)
+        if self.place is not None:
+            if self.place.point != here.at_point:
+                self.structure = here.at(self.place.point)
+            self.place = replace(self.place, strengths=self._strengths(self.place))
         return {names: x / noise for names, x in left.items()}
+
+    def _strengths(self, place: PlaceOnStructure) -> tuple[float, float]:
+        """How strong a mass, spring or damper is at the ends of a place, over that where it is."""
+        moved = [self.structure.at(end).scale for end in place.ends]
+        own = self.structure.scale
+        assert own is not None  # it acts at a point
+        low, high = ((own.per_q / m.per_q) ** 2 for m in moved if m is not None)
+        return low, high
 
     def _anywhere(
         self, read: Sequence[Readings], parts: tuple[Part, ...]
