@@ -109,6 +109,47 @@ def test_the_corrected_deck_has_the_spring(deck, tmp_path):
     assert pull[0] == pytest.approx(K3 * x**3 * slope, rel=0.01)
 
 
+@needs_ccx
+def test_the_corrected_deck_has_the_mass(deck, tmp_path):
+    """omega^2 falls by 1 + m phi^2, by Rayleigh's quotient of the mode as it was."""
+    original, node = deck
+    plain = rs.Structure.from_calculix(original.path, progress=False)
+    phi = plain.shapes[0][plain.freedom(node, 3)]
+    written = _written(original, _found(node, mass=2e-3), tmp_path / "m.inp")
+    heavier = rs.Structure.from_calculix(written, progress=False)
+    ratio = plain.omega[0] ** 2 / heavier.omega[0] ** 2
+    assert ratio - 1 == pytest.approx(2e-3 * phi**2, rel=0.02)
+    in_t = _written(original, _found(node, mass=2e-3), tmp_path / "t.inp", Units(1e-3, 1e3))
+    (card,) = Deck.load(in_t).of("MASS")
+    assert float(card.data[0]) == pytest.approx(2e-6, rel=1e-9)
+
+
+@needs_ccx
+def test_the_corrected_deck_has_values_of_parts(deck, tmp_path):
+    """The frequency is that of the deck with these values; all that was changed is said."""
+    original, node = deck
+    path, plain = tmp_path / "p.inp", rs.Structure.from_calculix(original.path, progress=False)
+    values = {"modulus of SOLID": 1.1, "clamp of HELD": 2e-11}
+    _written(original, _found(node, parts=values), path)
+    softer = plain.varied("clamp of HELD", 2e-11).varied("modulus of SOLID", 1.1)
+    again = rs.Structure.from_calculix(path, progress=False)
+    assert again.omega[0] == pytest.approx(softer.omega[0], rel=1e-6)
+    assert abs(again.omega[0] / plain.omega[0] - 1) > 0.01
+    text = path.read_text()
+    assert "** romsindy: 1.1 times as large" in text
+    assert "** romsindy: HELD is held by springs, direction 1" in text
+
+
+def test_supports_in_a_step_are_put_before_it_first(deck, tmp_path):
+    original, node = deck
+    text = original.path.read_text()
+    head, held, rest = text.partition("*BOUNDARY\nHELD, 1, 3\n")
+    path = tmp_path / "s.inp"
+    path.write_text(head + rest.replace("*STEP\n", "*STEP\n" + held))
+    with pytest.raises(ValueError, match="supports stand in the first step: put them before it"):
+        corrected_deck(Deck.load(path), _found(node, parts={"clamp of HELD": 2e-11}), Units())
+
+
 def _diagnosis(force, **values):
     content = {"verdict": "named", "effects": [], "values": values}
     return {**content, "force_laws": None if force is None else force.content()}
