@@ -25,7 +25,9 @@ def _looked_for(at, width, first="0:3", floor=1000.0):
         off = np.linalg.norm(PLATE[point] - at) / (width / share)
         return floor + 1e5 * share * off**2 / (1 + off**2)
 
-    least, place = likeliest_place(PLATE, first, misfit, lambda least, share: least / floor)
+    least, place = likeliest_place(
+        PLATE, first, misfit, lambda rise, least, _: rise * floor / least
+    )
     return least, place, len(asked)
 
 

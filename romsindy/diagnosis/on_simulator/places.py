@@ -63,13 +63,13 @@ def likeliest_place(
     points: Mapping[str, Array],
     first: str,
     misfit: Callable[[str, float], float],
-    noise: Callable[[float, float], float],
+    tells: Callable[[float, float, float], float],
 ) -> tuple[float, PlaceOnStructure]:
     """The least misfit, and its place.
 
     ``first`` is tried before all others, and kept unless another one is better beyond doubt.
-    ``misfit`` is of a point on a part of the readings, and ``noise`` what counts as 1 of it, by the
-    least of all.
+    ``misfit`` is of a point on a part of the readings; ``tells`` says what a rise of it beyond the
+    least counts for, as chi-square.
     """
     names, places = [*points], np.array([*points.values()])
     extent = np.ptp(places, axis=0)
@@ -85,8 +85,7 @@ def likeliest_place(
             chosen.add(int(near[np.argmax(apart)]))
         left = {i: misfit(names[i], share) for i in sorted(chosen)}
         least = min(left.values())
-        rise = PLACE_RISE * noise(least, share)
-        likely = {i for i, x in left.items() if x - least <= rise}
+        likely = {i for i, x in left.items() if tells(x - least, least, share) <= PLACE_RISE}
         # Between points that were tried one may be as likely.
         reach = max(float(_distance(places[near], places[[*chosen]]).max()), close)
     best = own if own in likely else min(left, key=lambda i: left[i])

@@ -46,6 +46,7 @@ _MOST = 3  # explanations that they are heard of: the best, and two that are sim
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
 _DETUNED = 2e-3
+_UNEXPLAINED = 0.2  # of what no explanation explains: by so much one may seem better than another
 
 
 @dataclass(eq=False)
@@ -239,14 +240,15 @@ class SimulatorRounds(Rounds):
             if h.names == found.report.best.names:
                 parts = found.parts
             left[names_of(h)], places[names_of(h)] = self._anywhere(read, parts)
-        noise = noise_of(min(left.values()), read)
+        least = min(left.values())
+        noise = noise_of(least, read)
         best = min(places, key=lambda names: left[names])
         self.place = places[best]
         if self.place is not None:
             if self.place.point != here.at_point:
                 self.structure = here.at(self.place.point)
             self.place = replace(self.place, strengths=self._strengths(self.place))
-        return {names: x / noise for names, x in left.items()}
+        return {names: tells(x - least, least, noise) for names, x in left.items()}
 
     def _strengths(self, place: PlaceOnStructure) -> tuple[float, float]:
         """How strong a mass, spring or damper is at the ends of a place, over that where it is."""
@@ -269,12 +271,12 @@ class SimulatorRounds(Rounds):
         def heard(share: float) -> list[Readings]:
             return [r.part(share) for r in read]
 
-        def noise(least: float, share: float) -> float:
-            return noise_of(least, heard(share))
+        def told(rise: float, least: float, share: float) -> float:
+            return tells(rise, least, noise_of(least, heard(share)))
 
         if not points or not here.acts(parts):
             return misfit(here.at_point), None
-        return likeliest_place(points, here.at_point, misfit, noise)
+        return likeliest_place(points, here.at_point, misfit, told)
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
         """Chi-square of what motions leave of all sensors."""
@@ -459,6 +461,15 @@ def left_of(
     table = with_errors(table, read.over_noise(errors, seen.shape))
     n = len(known)
     return without(table[:, :n], table[:, n:]) if free else table
+
+
+def tells(rise: float, least: float, noise: float) -> float:
+    """Chi-square that a misfit counts for beyond the least of all, which is ``noise`` times noise.
+
+    What even the best leaves beside noise is an error of the simulator, such as modes that ring
+    otherwise at large amplitude. It may go with any explanation, and with any place.
+    """
+    return max(rise - _UNEXPLAINED * least * (1 - 1 / noise), 0.0) / noise
 
 
 def chi_squared(rows: Sequence[Array]) -> float:
