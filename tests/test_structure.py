@@ -69,6 +69,12 @@ def test_a_scale_of_the_shapes_changes_nothing():
     assert found == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_structure_shows_itself_in_a_line():
+    """Not all its arrays: a notebook shows it where a cell ends with it."""
+    text = repr(rs.Structure.from_arrays(**_arrays()))
+    assert text.startswith("Structure('arrays', ") and len(text) < 200
+
+
 def test_a_mode_that_points_the_other_way_is_the_same():
     """The sign of a shape, and of the factors with it, is anybody's choice."""
     arrays = _arrays()

@@ -35,7 +35,7 @@ _RING = 2  # modes that ring beside the one that is kept
 _SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Structure(LinearModel):
     """A structure of finite elements about its undeformed rest.
 

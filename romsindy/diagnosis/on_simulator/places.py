@@ -19,6 +19,7 @@ from romsindy.typing import Array
 # Parts of what all sensors are heard of, one after the other, and how many new points in each
 _LEVELS = ((0.25, 16), (0.5, 8), (1.0, 6), (1.0, 6), (1.0, 6))
 _CLOSE = 0.01  # of the size: nearer to each other none is tried
+_ALIKE = 0.01  # a strength that differs less is the same
 _SPANS = 0.2  # of the size: along an axis on which the structure is smaller nothing is told
 
 
@@ -46,11 +47,11 @@ class PlaceOnStructure:
         along = self.extent > _SPANS * np.linalg.norm(self.extent)
         rows = zip("xyz", self.at, self.low, self.high, along, strict=True)
         spans = [f"{n} = {x:.3g} ({a:.3g} to {b:.3g}) m" for n, x, a, b, told in rows if told]
+        where = f"it acts at {self.point}, {', '.join(spans)}"
         low, high = sorted(self.strengths)
-        return (
-            f"it acts at {self.point}, {', '.join(spans)}; at the ends of that it is"
-            f" {low:.3g} and {high:.3g} times as strong"
-        )
+        if high - low < _ALIKE:
+            return where
+        return f"{where}; at the ends of that it is {low:.3g} and {high:.3g} times as strong"
 
     def content(self) -> dict[str, object]:
         """What JSON keeps of it."""
@@ -93,8 +94,17 @@ def likeliest_place(
     box = places[inside]
     along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
     ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]
-    given = places[best], box.min(axis=0), box.max(axis=0), extent, ends
+    sides = [_beyond(x, *span) for x, span in zip(places.T, zip(box.min(0), box.max(0)))]
+    low, high = np.array(sides).T
+    given = places[best], low, high, extent, ends
     return left[best], PlaceOnStructure(names[best], *given)
+
+
+def _beyond(places: Array, low: float, high: float) -> tuple[float, float]:
+    """Ends of an interval half-way to the next places outside: between them nothing is told."""
+    below, above = places[places < low], places[places > high]
+    first = (low + below.max()) / 2 if len(below) else low
+    return float(first), float((high + above.min()) / 2 if len(above) else high)
 
 
 def _distance(places: Array, others: Array) -> Array:
