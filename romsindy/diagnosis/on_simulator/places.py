@@ -94,7 +94,8 @@ def likeliest_place(
     box = places[inside]
     along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
     ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]
-    sides = [_beyond(x, *span) for x, span in zip(places.T, zip(box.min(0), box.max(0)))]
+    spans = zip(places.T, box.min(axis=0), box.max(axis=0), strict=True)
+    sides = [_beyond(*span) for span in spans]
     low, high = np.array(sides).T
     given = places[best], low, high, extent, ends
     return left[best], PlaceOnStructure(names[best], *given)
