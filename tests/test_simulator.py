@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -17,7 +18,12 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis.all_sensors import Readings
-from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, turning_points
+from romsindy.diagnosis.on_simulator.seen import (
+    Beginning,
+    ForceScale,
+    OnSimulator,
+    turning_points,
+)
 from romsindy.diagnosis.on_simulator.simulator_rounds import (
     SimulatorRounds,
     chi_squared,
@@ -26,7 +32,7 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import (
 from romsindy.diagnosis.on_simulator.workflow import _shape
 from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import with_textbook_exponent
-from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Stop, Viscous
+from romsindy.effects import AirDrag, CubicStiffness, DryFriction, MoreMass, Stop, Viscous
 from romsindy.effects.base import Scales
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
@@ -169,6 +175,33 @@ SHAPE, OTHER_SHAPE = np.array([1.0, 0.6]), np.array([0.6, -1.0])  # which is ort
 SIZE, CYCLE = 0.02, 2 * np.pi / RATE
 LINEAR = rs.ReducedModel.from_coefficients({"omega^2": RATE**2 + SLOW**2, "c_linear": 2 * SLOW})
 EQUATION = ExtendedEquation(LINEAR, (), 0, 0.01, 0.0)  # of the slow mode
+
+
+class _Bar:
+    """Two masses with a force at either: how far a point moves with the first sensor."""
+
+    points: ClassVar = {"here": (0.0, 0.0, 0.0), "there": (1.0, 0.0, 0.0)}
+
+    def simulate(self, release, t, force=None, point=None):
+        shape = {"here": 1.0, "there": 0.25, None: 1.0}[point]
+        x = release * np.cos(RATE * t)
+        if force is not None:
+            for at, y in zip(t, x, strict=True):
+                force(at, shape * y, 0.0)
+        return x
+
+
+def test_a_point_moves_with_the_coordinate_by_what_a_force_sees_there():
+    simulator, t = Simulator.of(_Bar()), np.arange(0, 10, 0.01)
+    simulator.decay(0.1, t, 1)
+    known = {"released": [(0.1, 0.1)], "scale": ForceScale(2.0, 1.0)}
+    seen = OnSimulator(simulator, np.ones(1), np.ones(1), {}, **known)
+    assert seen.at_point == "here" and list(seen.points) == ["here", "there"]
+    there = seen.at("there")
+    assert there.at_point == "there" and there.scale == pytest.approx((2.0, 0.25), rel=1e-6)
+    # The same part of the mass of the coordinate is more where it moves less.
+    part = Part(MoreMass(), (), np.array([[0.1]]))
+    assert not simulator.takes_mass and seen.mass([part]) == 0
 
 
 def ring(t, omega, damping):

@@ -130,7 +130,7 @@ class Simulator:
         known = self._own("takes_values", None)
         if known is None and (self._arguments is None or self._takes_any):
             return
-        own = (k for k in self._arguments or () if k not in ("release", "t", "force"))
+        own = (k for k in self._arguments or () if k not in ("release", "t", "force", "point"))
         free = list(own if known is None else known)
         for name in names:
             if name not in free:
