@@ -28,6 +28,7 @@ from romsindy.typing import Array
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
 _MOVES = 0.05  # of the largest displacement of the mode: what moves less can hide nothing
 _SETTLES = 4  # times that a force at rest and the shape that it bends are found in turn
+_KEPT = 8  # structures between decks: each has shapes of all freedoms
 HELD_BY = ("force", "mode")
 
 
@@ -282,6 +283,8 @@ class StructureSimulator:
         """The structure with other values of its parts."""
         key = tuple(parts.items())
         if key not in self._between:
+            if len(self._between) == _KEPT:
+                del self._between[next(iter(self._between))]
             kept = [self.curve.mode.number - 1, *(n - 1 for n in self.rings)]
             omega, shapes = self.structure.omega.copy(), self.structure.shapes.copy()
             base = Member(omega[kept] ** 2, shapes[kept], self.curve)
