@@ -588,6 +588,7 @@ def test_a_value_without_tolerance_is_told_where_others_leave_more_than_noise():
     assert report.verdict == "named" and report.reduced.best.names == ("m2",)
     (effect,) = report.effects
     assert abs(effect.values["strength"] - 0.056) < 3 * effect.standard_errors["strength"] < 0.006
+    assert str(effect).startswith("m2 ") and "% higher than assumed" in str(effect)
     assert max(e.after for e in report.sensor_errors) < 1.1
 
 

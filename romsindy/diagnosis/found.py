@@ -61,7 +61,8 @@ class FoundEffect:
         if self.relative is not None and self.relative_error is not None:
             change = value_with_error(100 * abs(self.relative), 100 * self.relative_error)
             way = "higher" if self.relative > 0 else "lower"
-            what = _VALUES.get(self.name, f"the coefficient {self.variant}")
+            own = self.name if self.family == "value" else f"the coefficient {self.variant}"
+            what = _VALUES.get(self.name, own)
             return f"{what} {change} % {way} than assumed ({self._value(_STRENGTH)})"
         texts = [self._value(k) if k == _STRENGTH else f"{k} {self._value(k)}" for k in self.values]
         return ", ".join([self.title, *texts])
@@ -156,6 +157,8 @@ def _relative(part: Part, std: Array, model: Equations) -> tuple[float | None, .
     law = part.effect.term()
     now = model.coefficients.get(law.key, 0.0) if is_value and law is not None else 0.0
     own = getattr(part.effect, "assumed", now or None), part.tolerance
+    if part.effect.family == "value":
+        now = own[0] or 0.0
     size = abs(now)  # of a negative one, too, more is higher
     changes = (float(part.strengths[0, 0]) / size, float(std[0]) / size) if now else (None, None)
     return *changes, *own
