@@ -30,7 +30,7 @@ _MOVED = {
     "Bifurcation": "romsindy.orbits.curves.Bifurcation",
     "Bootstrap": "romsindy.fit.bootstrap.Bootstrap",
     "Branch": "romsindy.orbits.continuation.Branch",
-    "Curve": "romsindy.fit.results.curve.Curve",
+    "Curve": "romsindy.fit.results.estimate.Curve",
     "ForcedBand": "romsindy.fit.results.forced_band.ForcedBand",
     "ForcedReport": "romsindy.diagnosis.ForcedReport",
     "ForcedResponse": "romsindy.orbits.curves.ForcedResponse",

@@ -13,6 +13,5 @@ from romsindy.beam.motion import (
     SensorArray,
     StepTooLongError,
 )
-from romsindy.beam.reduction import relative_error
-from romsindy.beam.static_shapes import StaticCurve
+from romsindy.beam.static_shapes import StaticCurve, relative_error
 from romsindy.beam.structure import CLAMPED, FREE, PINNED, Section, Support

@@ -14,8 +14,7 @@ from romsindy.beam.equilibrium import ModalBasis, Shape, find_equilibrium, hold,
 from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
 from romsindy.beam.integrator import RadauIIA
 from romsindy.beam.motion import Motion, Sensor, SensorArray, place_sensors
-from romsindy.beam.reduction import reduce, reduce_modes
-from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
+from romsindy.beam.static_shapes import StaticCurve, follow_static_curve, reduce, reduce_modes
 from romsindy.beam.structure import BeamStructure, Section, Spring
 from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
 from romsindy.effects.mounting import MountedLaw, PointMass

@@ -28,10 +28,10 @@ from romsindy.effects.drive import InputDistortion
 from romsindy.effects.outside import Bias, Gain, SensorNonlinearity
 from romsindy.fit.adequacy.decays import examine_white
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, limits, moved_parts, prior_cost
 from romsindy.fit.process_noise import Departures, Marginal
-from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.coupled import free_offsets
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import KNOWN_CURVATURE, KNOWN_GAIN, NAMED_ABOVE, RARER
 from romsindy.physics.model import ReducedModel

@@ -22,16 +22,16 @@ from romsindy.diagnosis.arguments import (
     check_repeats,
     check_request,
     checked_driven,
+    linear_values_within,
+    of_driven_repeats,
     reduced,
 )
 from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
-from romsindy.diagnosis.noise_of_best import NoiseOfBest
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport, report_of
-from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.residual_search import NoiseOfBest, ResidualSearch
 from romsindy.diagnosis.search import Options, smooth_model, unsure_parts
-from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
@@ -48,9 +48,14 @@ from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, in_place
 from romsindy.fit.records.arguments import small_frequencies
 from romsindy.fit.records.between_samples import rated, ways
-from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.coupled import (
+    CoupledRecord,
+    ModeShape,
+    coupled_records,
+    free_offsets,
+    free_shapes,
+)
 from romsindy.fit.records.driven import ForcedRecord
-from romsindy.fit.records.mode_shape import ModeShape, free_offsets
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel

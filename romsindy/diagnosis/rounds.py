@@ -15,7 +15,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
-from romsindy.diagnosis.family import family_of
+from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of

@@ -19,8 +19,8 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.effects.outside import HIGHEST
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
-from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, columns_of, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record

@@ -35,8 +35,8 @@ from scipy.stats import t
 
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import Part, columns_of, held_values, limits, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT

@@ -19,14 +19,14 @@ from romsindy.fit.kernel.shooting import LOSSES
 from romsindy.fit.records.arguments import (
     free_names,
     listed_records,
+    prepared,
+    ready,
     require_known,
     require_unit,
     several_decays,
     small_frequencies,
 )
-from romsindy.fit.records.coupled import coupled_records, free_shapes
-from romsindy.fit.records.measured import prepared, ready
-from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.coupled import coupled_records, free_offsets, free_shapes
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.inspection import tables
-from romsindy.inspection.findings import ChannelNoise, Findings
-from romsindy.inspection.modes import Mode
+from romsindy.inspection.findings import ChannelNoise, Findings, Mode
 from romsindy.notebook import shown
 from romsindy.physics.term_sum import json_text
 from romsindy.record.decay import Decay

@@ -9,9 +9,8 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import MountedEffect
+from romsindy.diagnosis.on_beam.mounted import PLACE_ERRORS, MountedEffect, PlaceOnBeam
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
-from romsindy.diagnosis.on_beam.place import PLACE_ERRORS, PlaceOnBeam
 from romsindy.effects.base import Effect, State
 from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.kernel.linear_response import sampled

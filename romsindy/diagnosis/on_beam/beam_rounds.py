@@ -12,7 +12,7 @@ from joblib import delayed
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import Readings, followed, noise_of
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.family import family_of
+from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
@@ -30,8 +30,8 @@ from romsindy.diagnosis.on_beam.anywhere import (
 )
 from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
     BeamRelease,

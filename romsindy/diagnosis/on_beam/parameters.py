@@ -17,8 +17,7 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.static_shapes import StaticCurve
 from romsindy.beam.structure import FREE, springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
-from romsindy.diagnosis.on_beam.place import some_points
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, some_points
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import AtPoint, Mounting, PointMass
 from romsindy.physics.term import Combination

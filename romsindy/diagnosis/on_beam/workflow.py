@@ -15,8 +15,9 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import Shape
 from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
+from romsindy.diagnosis.arguments import of_references
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.all_sensors import Latitude
+from romsindy.diagnosis.on_beam.all_sensors import Latitude, SensorFault, find_fault
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
 from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, checked_readings, coarse
@@ -29,7 +30,6 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
 from romsindy.diagnosis.on_beam.report import BeamReport
-from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     ParameterDirection,
     directions,
@@ -39,7 +39,6 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 )
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected, sensor_errors
-from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect

@@ -20,11 +20,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import KINDS, Kind, candidates
-from romsindy.fit.coupled.choice import Choice, Stage, every_choice
-from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, of_plainest_kind, settled
+from romsindy.fit.coupled.rounds import (
+    Choice,
+    FittedPieces,
+    Progress,
+    Stage,
+    best_of,
+    every_choice,
+    of_plainest_kind,
+    settled,
+)
 from romsindy.fit.kernel.collocation import TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.pieces import cut, moved, shortest
+from romsindy.fit.kernel.shooting import cut, moved, shortest
 from romsindy.fit.records.arguments import (
     require_known,
     require_unit,

@@ -16,8 +16,8 @@ import numpy as np
 
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.kernel.normal_equations import NormalEquations
 from romsindy.fit.kernel.part import (
     Part,
     Solution,

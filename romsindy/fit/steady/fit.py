@@ -31,11 +31,9 @@ from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
-from romsindy.fit.steady.balance import CHAIN, Chain, linearised
-from romsindy.fit.steady.independence import verdict_of, with_spread
-from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
+from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.fit.steady.told import between_levels, notes_on
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
@@ -155,7 +153,7 @@ class SteadyFit(Estimate):
 
     @cached_property
     def between(self) -> tuple[Array, Array]:
-        """What a further level may differ by, see `romsindy.fit.steady.told.between_levels`."""
+        """What a further level may differ by, see `between_levels`."""
         together = correlation(self.points, self.solution)
         return between_levels(self.points, self.solution, together)
 
