@@ -1,7 +1,6 @@
 """The beam simulator: geometrically exact beams, their modes, motion and reduced models."""
 
-from romsindy.beam.beam import Beam
-from romsindy.beam.beam_file import load_beam
+from romsindy.beam.beam import Beam, load_beam
 from romsindy.beam.equilibrium import ModalBasis, NoEquilibriumError, Shape
 from romsindy.beam.excitation import BaseAcceleration, PointForce
 from romsindy.beam.integrator import RadauIIA

@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
-from romsindy.beam.beam_file import load_beam
+from romsindy.beam.beam import load_beam
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.commands.options import (

@@ -26,7 +26,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect
 from romsindy.effects.drive import InputDistortion
 from romsindy.effects.outside import Bias, Gain, SensorNonlinearity
-from romsindy.fit.adequacy.decays import examine_white
+from romsindy.fit.adequacy.verdicts import examine_white
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, limits, moved_parts, prior_cost

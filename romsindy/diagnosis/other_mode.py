@@ -39,8 +39,7 @@ from romsindy.fit.kernel.prepared import part_of
 from romsindy.fit.kernel.shooting import cut
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.records.record import Record
-from romsindy.fit.records.resonance import resonances_in
-from romsindy.fit.results.fitted import Fit, refined
+from romsindy.fit.results.fitted import Fit, refined, resonances_in
 from romsindy.fit.verdict import EXPLAINED, LEFT_OVER, MODE, SURE, WORTH
 from romsindy.physics.coupled import CoupledModel, linear_terms
 from romsindy.physics.coupling import Along

@@ -5,7 +5,7 @@ Numbers that only steer computations (steps, iterations, starting values) stay w
 
 from __future__ import annotations
 
-# -- does a model explain its data? (`romsindy.fit.adequacy.decays`) -------------------------------
+# -- does a model explain its data? (`romsindy.fit.adequacy.verdicts`) -----------------------------
 
 # A right model is said to leave what repeats with the vibration this often (F test).
 FALSE_ALARM = 0.01

@@ -11,18 +11,20 @@ import numpy as np
 
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect, clean
-from romsindy.record.isolation import ENOUGH_SAMPLES, isolated, together
 from romsindy.record.prediction import slowest_frequency, unexplained
 from romsindy.record.recording import Recording
 from romsindy.record.releases import FORCED, Discarded, Release
 from romsindy.record.signals import rest_level
 from romsindy.record.vibrations import (
+    ENOUGH_SAMPLES,
     Resonance,
     Stretch,
     Vibration,
     dominant,
     find_vibrations,
+    isolated,
     resonances,
+    together,
 )
 from romsindy.text import listed, quantity, span
 from romsindy.typing import Array

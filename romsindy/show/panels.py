@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.results.estimate import Band, Curve, Estimate
+from romsindy.fit.results.fitted import SmallVibration
 from romsindy.fit.results.forced_band import ForcedBand
-from romsindy.fit.results.small_vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel

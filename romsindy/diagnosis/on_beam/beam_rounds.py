@@ -28,16 +28,18 @@ from romsindy.diagnosis.on_beam.anywhere import (
     place_now,
     with_error_of_place,
 )
-from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
+    STAND_INS,
     BeamRelease,
+    OnBeam,
     read_release,
     ringing,
     rung_by,
+    simulated,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import Opened, beam_with, on_the_beam
 from romsindy.diagnosis.report import DiagnosisReport

@@ -19,7 +19,6 @@ from romsindy.diagnosis.arguments import of_references
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.all_sensors import Latitude, SensorFault, find_fault
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
-from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, checked_readings, coarse
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -28,7 +27,7 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, OnBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.within_tolerances import (
     ParameterDirection,

@@ -23,13 +23,13 @@ from scipy.special import fdtrc
 
 from romsindy.effects.choices import couplings
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.adequacy.decays import examine
 from romsindy.fit.adequacy.verdicts import (
     CYCLES,
     LEAST_LEVELS,
     MOST_LEVELS,
     Adequacy,
     ForcedAdequacy,
+    examine,
 )
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of

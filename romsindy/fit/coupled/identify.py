@@ -42,8 +42,8 @@ from romsindy.fit.records.arguments import (
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, curved_shapes, free_shapes
 from romsindy.fit.records.modes import modes_of
 from romsindy.fit.records.record import NUMERICS
+from romsindy.fit.results.estimate import stand_ins
 from romsindy.fit.results.fitted import Fit, examined, refined, with_choice_error
-from romsindy.fit.results.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel, linear_model, linear_terms
 from romsindy.physics.coupling import CoupledTerm

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.effects.choices import KINDS, Kind, candidates
-from romsindy.fit.adequacy.decays import examine
 from romsindy.fit.adequacy.independence import Independence, by_noises, by_values, of_decays, told
-from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.choice import Gram, Linearised, Trials, dragged, needed
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.hypothesis import free_parts

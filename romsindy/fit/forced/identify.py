@@ -29,8 +29,8 @@ from romsindy.fit.records.arguments import (
 )
 from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.modes import mode_beside, modes_of
+from romsindy.fit.results.estimate import possible, stand_ins
 from romsindy.fit.results.fitted import Fit, with_choice_error
-from romsindy.fit.results.signs import possible, stand_ins
 from romsindy.fit.verdict import WIDEST_SIGNAL
 from romsindy.physics.coupled import linear_terms
 from romsindy.physics.equations import Equations, inputs_of, without_inputs

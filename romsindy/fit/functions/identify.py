@@ -9,8 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy.decays import examine
-from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.evidence import Fitted, draw, fit, regressed
 from romsindy.fit.functions.identification import Identification

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
-from romsindy.record.files import arrays, channels, choose, text
+from romsindy.record.files import channels, choose, text
 from romsindy.record.files.channels import read_sep005
 from romsindy.record.files.choose import input_columns, inputs_among, samples_of
 from romsindy.record.files.columns import Column, Table, refused
@@ -32,11 +32,11 @@ _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".lvm")
 _READERS: dict[str, Reader] = {
     **dict.fromkeys(_TEXT, text.read),
     **dict.fromkeys((".uff", ".unv", ".uf", ".58"), channels.read_universal),
-    **dict.fromkeys((".h5", ".hdf5", ".hdf"), arrays.read_hdf),
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), channels.read_hdf),
     **dict.fromkeys((".xlsx", ".xlsm"), text.read_xlsx),
-    ".npy": arrays.read_npy,
-    ".npz": arrays.read_npz,
-    ".mat": arrays.read_matlab,
+    ".npy": channels.read_npy,
+    ".npz": channels.read_npz,
+    ".mat": channels.read_matlab,
     ".wav": channels.read_wav,
     ".rpt": text.read_abaqus,
     ".tdms": channels.read_tdms,
@@ -44,10 +44,10 @@ _READERS: dict[str, Reader] = {
 ENDINGS = tuple(sorted(_READERS))  # of names of files that are read
 # How a file of a kind starts. A name may lie, its content does not.
 _STARTS: tuple[tuple[bytes, Reader], ...] = (
-    (b"\x93NUMPY", arrays.read_npy),
-    (b"MATLAB 5.0", arrays.read_matlab),
-    (b"MATLAB 7.3", arrays.read_hdf),
-    (b"\x89HDF\r\n\x1a\n", arrays.read_hdf),
+    (b"\x93NUMPY", channels.read_npy),
+    (b"MATLAB 5.0", channels.read_matlab),
+    (b"MATLAB 7.3", channels.read_hdf),
+    (b"\x89HDF\r\n\x1a\n", channels.read_hdf),
     (b"RIFF", channels.read_wav),
     (b"RIFX", channels.read_wav),
     (b"RF64", channels.read_wav),
@@ -102,7 +102,7 @@ def _of_archive(path: Path) -> Reader:
     if any(name.startswith("xl/") for name in names):
         return text.read_xlsx
     if names and all(name.endswith(".npy") for name in names):
-        return arrays.read_npz
+        return channels.read_npz
     raise ValueError(f"{path}: the content is a ZIP archive with {names[:3]}: unpack it")
 
 
