@@ -72,11 +72,6 @@ class Worth(NamedTuple):
             price += _price_of(part, covariance[where, where], n_samples)
         return cls(misfit + rise, price, moved, parts, covariance)
 
-    @classmethod
-    def of_none(cls, solution: Solution) -> Worth:
-        """Of a fit that has no motion."""
-        return cls(np.inf, 0.0, (), solution.parts, solution.covariance)
-
 
 def _price_of_unsure(
     system: NormalEquations, parts: Sequence[Part], n_unsure: int, n_samples: float
@@ -448,7 +443,7 @@ class Hypothesis:
     @cached_property
     def _worth(self) -> Worth:
         if self.weighed is None:
-            return Worth.of_none(self.solution)
+            return Worth(np.inf, 0.0, (), self.solution.parts, self.solution.covariance)
         solved = self.weighed.solved(self.solution, self.noise)
         n_unsure = self.n_free if self.n_unsure is None else self.n_unsure
         return Worth.of(self.solution, solved, n_unsure, self.n_free, self.n_samples)

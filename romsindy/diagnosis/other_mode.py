@@ -301,14 +301,6 @@ def rings_along(found: Interaction) -> str:
     return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
 
 
-def not_followed(other: Vibration) -> str:
-    """That another mode rings, and nothing more can be said."""
-    return (
-        f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
-        " found that follow the records, so that its part is not known."
-    )
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
 class InteractionReport(BesideDecays, Written):
     """What a simulation of one coordinate lacks, where another mode takes part.
@@ -477,7 +469,10 @@ def with_other_mode(
         own, other, _ = ringing
         found = interaction_of(model, decays, own, other, options.floor, options.progress)
         if found is None:
-            notes.append(not_followed(other))
+            notes.append(
+                f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both"
+                " modes were found that follow the records, so that its part is not known."
+            )
             continue
         if found.takes_part and found.fit is not None:
             gap = _gap(report.nominal, report.records, ringing.numbers, found)

@@ -269,12 +269,9 @@ class Explained(Written):
         """Whether nothing explains the data, and nothing surely comes nearer to them."""
         if self.verdict != "unknown":
             return False
-        return not (self.effects and self._sure and self._nearer(""))
-
-    @property
-    def _sure(self) -> bool:
-        """Whether what is told is surely there."""
-        return self.best.sureness >= NAMED_ABOVE * self.best.growth(self.remainder.ratio)
+        best, ratio = self.best, self.remainder.ratio
+        sure = bool(self.effects) and best.sureness >= NAMED_ABOVE * best.growth(ratio)
+        return not (sure and self._nearer(""))
 
     @property
     def _interrupted(self) -> list[str]:

@@ -220,7 +220,8 @@ class Search(ABC):
         fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
         found = []
         for fitted in self.unsure_as(best).fitted(fewer):
-            alike = [h for h in known if _same_effects(h, fitted)]
+            names = [p.effect.name for p in fitted.effects]
+            alike = [h for h in known if [p.effect.name for p in h.effects] == names]
             found.append(min([fitted, *alike], key=lambda h: h.at(best.noise).score))
         return found
 
@@ -258,10 +259,6 @@ def leaders(singles: Sequence[Screened], each: int = 1, by_variant: bool = False
         if len(group) < each:
             group.append(s)
     return [s for group in found.values() for s in group]
-
-
-def _same_effects(a: Hypothesis, b: Hypothesis) -> bool:
-    return [p.effect.name for p in a.effects] == [p.effect.name for p in b.effects]
 
 
 def with_textbook_exponent(part: Part) -> Part:

@@ -57,10 +57,6 @@ class Explanation:
         """Whether noise is left alone, of what was fitted and of what took no part."""
         return self.left.explained and self.gap.after <= PREDICTED
 
-    def needs_fewer(self, other: Explanation) -> bool:
-        """Whether it says fewer things than another one has effects."""
-        return len(self.hypothesis.said) < len(other.hypothesis.effects)
-
     def leaves(self, tolerance: Tolerance, form: FormError) -> Left:
         """What it leaves; see `left_over`."""
         whole = self.whole.differences_after
@@ -153,7 +149,9 @@ class Rule:
         plain = min(enough, key=_plainest, default=likeliest)
         moved = bool(enough) and self._moved(plain)
         # Beside values that moved and are enough, several effects are no headline.
-        plainer = effect is not None and not (moved and plain.needs_fewer(effect))
+        plainer = effect is not None and not (
+            moved and len(plain.hypothesis.said) < len(effect.hypothesis.effects)
+        )
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             if self.exact or not small:

@@ -337,7 +337,7 @@ def backbone_curve(
     led, ends = partial(family, True), (first, 1.0)
     if len(shape) > 1:  # a branch may pass through zero, but not start there
         start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
-        start = _unscaled(start)
+        start = Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)  # not from rest
         led, ends = partial(family, False), (-1.0, 1.0)
         steps = replace(steps, crossing=_CROSSING * steps.most)
     start = _led(led, ladder, start, (-first, first), steps, failure)
@@ -554,11 +554,6 @@ def _small(shape: Array, p: float) -> Start:
     """A vibration in a linear mode, as unknowns of a `FreeFamily` from rest."""
     still = np.zeros_like(shape)
     return Start(np.concatenate([still, shape, still, [1.0, 0.0]]), p)
-
-
-def _unscaled(start: Start) -> Start:
-    """The same orbit for a `FreeFamily` that is not from rest."""
-    return Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
 
 
 def frequency_range(frequency: Any) -> tuple[float, float]:

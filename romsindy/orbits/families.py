@@ -147,7 +147,8 @@ class FreeFamily(Family):
         if self.from_rest:
             return ""
         c, _ = self.orbit(u, p)
-        if p < 0 and np.linalg.norm(_odd(c)) < np.linalg.norm(c) / np.sqrt(2):
+        odd = c[(np.arange(len(c)) + 1) // 2 % 2 == 1]
+        if p < 0 and np.linalg.norm(odd) < np.linalg.norm(c) / np.sqrt(2):
             return (
                 "the branch ends on orbits of another mode, of an even multiple of its frequency:"
                 " beyond them come the same orbits, half a period later"
@@ -160,11 +161,6 @@ class FreeFamily(Family):
             f"q{np.argmax(reach) + 1} moves {_ELSEWHERE:g} times as far as the last amplitude: the"
             " branch has gone over to another mode"
         )
-
-
-def _odd(c: Array) -> Array:
-    """Coefficients of odd harmonics."""
-    return c[(np.arange(len(c)) + 1) // 2 % 2 == 1]
 
 
 class Sweep(NamedTuple):

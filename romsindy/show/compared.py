@@ -78,6 +78,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
         np.concatenate([x.reshape(-1, len(d.t)) for x, d in zip(several, decays, strict=True)], 1)
         for several in ([r.signal for r, _ in pairs], [residual for _, residual in pairs])
     )
+    motions = [record.motion for record, _ in pairs]
     return [
         Compared(
             np.concatenate([d.t for d in decays]),
@@ -87,7 +88,8 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             unit_of(decays[0].measured, decays[0].unit),
             own,
             _inputs(decays) if first.driven else {},
-            min(float(_rate(record.motion)) for record, _ in pairs),
+            # Rms velocity over rms displacement of the slowest coordinate
+            min(float(np.min(np.std(m.q_dot, axis=0) / np.std(m.q, axis=0))) for m in motions),
         )
         for x, rest, own in zip(measured, left, first.noises, strict=True)
     ]
@@ -106,11 +108,6 @@ def held_out_of(vibration: Any, missed: Array) -> list[Compared]:
     pairs = zip(v.y.reshape(n, -1).T, missed.reshape(n, -1).T, strict=True)
     how = {"quantity": v.measured, "unit": v.signal_unit, "inputs": _inputs([v])}
     return [Compared(v.t, x, {"simulated": left}, **how) for x, left in pairs]
-
-
-def _rate(motion: Any) -> float:
-    """Rms velocity over rms displacement of the slowest coordinate, rad/s."""
-    return float(np.min(np.std(motion.q_dot, axis=0) / np.std(motion.q, axis=0)))
 
 
 # -- over time ------------------------------------------------------------------------------------

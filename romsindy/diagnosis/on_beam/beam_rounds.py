@@ -457,7 +457,8 @@ class BeamRounds(Rounds):
         measured: Sequence[Array] | None = None,
     ) -> list[tuple[Array, Array, list[_Begun]]]:
         """What beams with some parts, that begin each record somehow, leave: see `_left`."""
-        early = [self._early(i, own) for i, own in enumerate(read)]
+        rows = zip(self.records, self.raw, read, strict=False)
+        early = [(record.until(float(own.t[-1])), raw) for record, raw, own in rows]
         given = (early, read, slack, self.tolerant, measured)
         tasks = (delayed(_left)(self.seen, opened, starts, *given) for opened, starts in several)
         return list(self.parallel(tasks))
@@ -476,9 +477,6 @@ class BeamRounds(Rounds):
         modes = self.seen.shapes.shape[1]
         start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
-
-    def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
-        return self.records[i].until(float(read.t[-1])), self.raw[i]
 
     def _without(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
         """The beam with values alone, along the first mode as that was measured."""

@@ -34,11 +34,6 @@ _SMALL = 1e-6  # m kg^0.5 / s: of the second mode, for the slope of a damping
 _SAMPLES, _WITHIN = 16, 2.5
 
 
-def projected_modes(n_sensors: int) -> int:
-    """Modes that so many sensors tell apart, with some sensors to spare."""
-    return max(1, min(_MODES, n_sensors - 2))
-
-
 def coarse(beam: Beam) -> Beam:
     """A beam with as few elements as the first modes need."""
     return replace(beam, elements=min(beam.elements, _ELEMENTS))
@@ -86,7 +81,8 @@ class InstrumentedBeam:
     @cached_property
     def shapes(self) -> Array:
         """Mode shapes at the sensors, (n_sensors, n_modes)."""
-        return self.sensors.mode_shapes(self.basis, projected_modes(len(self.sensors.sensors)))
+        told_apart = max(1, min(_MODES, len(self.sensors.sensors) - 2))  # some sensors to spare
+        return self.sensors.mode_shapes(self.basis, told_apart)
 
     @property
     def fastest(self) -> float:

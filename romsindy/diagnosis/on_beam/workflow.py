@@ -181,11 +181,8 @@ def _with_right_sensors(
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
     seen = seen.keeping(kept)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
-    return seen, simulated, () if fault is None else (fault,), [_channels(d, kept) for d in decays]
-
-
-def _channels(decay: Decay, kept: Sequence[int]) -> Decay:
-    return replace(decay, **{n: x[:, kept] for n, x in decay.signals.items()})
+    right = [replace(d, **{n: x[:, kept] for n, x in d.signals.items()}) for d in decays]
+    return seen, simulated, () if fault is None else (fault,), right
 
 
 def _effects(

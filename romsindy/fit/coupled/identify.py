@@ -53,7 +53,6 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
-from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import LOUD, NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
@@ -189,14 +188,12 @@ def _with_tones_of(
     for record, decay in zip(records, decays, strict=True):
         heard = CoupledRecord.of(decay, frequencies, NUMERICS, record.main).tones
         pairs = zip(record.tones, heard, strict=True)
-        tones = tuple(max(pair, key=_lasts) for pair in pairs)
+        tones = tuple(
+            max(pair, key=lambda t: t.end - t.start if np.any(t.amplitude) else 0.0)
+            for pair in pairs
+        )
         found.append(replace(record, tones=tones))
     return found
-
-
-def _lasts(tone: Ridge) -> float:
-    """Seconds."""
-    return tone.end - tone.start if np.any(tone.amplitude) else 0.0
 
 
 def _loud_enough(more: Vibration, best: FittedPieces) -> bool:

@@ -89,7 +89,8 @@ def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[fl
     if n <= 1:  # a constant
         return np.eye(n) * trend[0]
     z = chebyshev.chebpts1(n)
-    near, far = (_matern(np.abs(z[:, None] + s * z) / length) for s in (-1, 1))
+    distances = (np.sqrt(3) * (np.abs(z[:, None] + s * z) / length) for s in (-1, 1))
+    near, far = ((1 + d) * np.exp(-d) for d in distances)
     values = size**2 * ((near + far) / 2 + odd**2 * (near - far) / 2)
     to_series = np.linalg.inv(chebyshev.chebvander(z, n - 1))
     covariance = to_series @ values @ to_series.T
@@ -97,11 +98,6 @@ def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[fl
     covariance[first, first] += np.square(trend[:n])
     w, v = np.linalg.eigh((covariance + covariance.T) / 2)
     return np.asarray(v * np.sqrt(np.maximum(w, 1e-14 * w[-1])))
-
-
-def _matern(distance: Array) -> Array:
-    d = np.sqrt(3) * distance
-    return np.asarray((1 + d) * np.exp(-d))
 
 
 def constraints(series: Series) -> tuple[slice, Array]:

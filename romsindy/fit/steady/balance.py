@@ -240,7 +240,8 @@ def linearised(
     if not points.phased:
         size = np.linalg.norm(reduced[:, :2, 0], axis=1)[:, None, None]
         # The size of the force that the orbit needs: its phase is free.
-        reduced = np.concatenate([size, *_along(reduced)], axis=2)
+        along = reduced[..., 0] / np.linalg.norm(reduced[..., 0], axis=1)[:, None]
+        reduced = np.concatenate([size, along[:, None] @ reduced[..., 1:]], axis=2)
     k = own.stop - own.start
     q, std = measured(points)
     given, by_chain = _given(points, chain, k)
@@ -254,12 +255,6 @@ def linearised(
         size=np.abs(chain.force(points.force)),
         others=others,
     )
-
-
-def _along(reduced: Array) -> list[Array]:
-    """Derivatives of the size of a force, from those of its two parts."""
-    direction = reduced[..., 0] / np.linalg.norm(reduced[..., 0], axis=1)[:, None]
-    return [direction[:, None] @ reduced[..., 1:]]
 
 
 def _balance(

@@ -245,7 +245,11 @@ def fit_steady(
         if value is not None and not np.isfinite(value):
             raise ValueError(f"{name} = {value!r} must be finite, or None to be fitted")
     if slope is None:
-        _require_levels(points)
+        size = np.abs(points.force)
+        if np.ptp(size) < 0.01 * size.max():
+            raise ValueError(
+                "force has one amplitude, which tells no slope of the gain: give slope=0"
+            )
     chosen, some_slope = model is None, slope is None
     if model is None:
         if fixed:
@@ -305,12 +309,6 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
             " smooth below a small velocity"
         )
     return tuple(name for name in model.coefficients if name not in fixed)
-
-
-def _require_levels(points: SteadyPoints) -> None:
-    size = np.abs(points.force)
-    if np.ptp(size) < 0.01 * size.max():
-        raise ValueError("force has one amplitude, which tells no slope of the gain: give slope=0")
 
 
 def _require_lags(points: SteadyPoints) -> None:

@@ -65,14 +65,9 @@ class Layout:
         """Columns of dates and times of day."""
         return [i for i, cell in enumerate(self.example) if is_stamp(cell)]
 
-    @property
-    def fortran(self) -> bool:
-        """Whether exponents follow a D, as in 1.5D-03."""
-        return any("d" in cell.lower() for cell in self.example)
-
     def plain(self, line: str) -> str:
         """A row with decimal points, and e before the exponent."""
-        if self.fortran:
+        if any("d" in cell.lower() for cell in self.example):  # exponents, as in 1.5D-03
             line = line.replace("D", "e").replace("d", "e")
         if self.decimal == ",":
             if "." in line and not self.stamps:
