@@ -28,7 +28,7 @@ _MOVED = {
     "Band": "romsindy.fit.results.estimate.Band",
     "BeamReport": "romsindy.diagnosis.BeamReport",
     "Bifurcation": "romsindy.orbits.curves.Bifurcation",
-    "Bootstrap": "romsindy.fit.bootstrap.Bootstrap",
+    "Bootstrap": "romsindy.fit.refine.Bootstrap",
     "Branch": "romsindy.orbits.continuation.Branch",
     "Curve": "romsindy.fit.results.estimate.Curve",
     "ForcedBand": "romsindy.fit.results.forced_band.ForcedBand",

@@ -5,9 +5,9 @@ from romsindy.beam import Beam as Beam
 from romsindy.beam import PointForce as PointForce
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
 from romsindy.diagnosis import diagnose as diagnose
-from romsindy.fit.bootstrap import bootstrap as bootstrap
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.identify import identify as identify
+from romsindy.fit.refine import bootstrap as bootstrap
 from romsindy.fit.refine import refine as refine
 from romsindy.fit.results.estimate import Estimate as Estimate
 from romsindy.fit.results.fitted import Fit as Fit

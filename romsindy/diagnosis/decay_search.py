@@ -16,8 +16,16 @@ from romsindy.diagnosis.evidence import (
     Weighed,
     said_elsewhere,
 )
-from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
+from romsindy.diagnosis.search import (
+    Finding,
+    Screened,
+    Screening,
+    Search,
+    leaders,
+    part_of,
+    rivals_of,
+    screen,
+)
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum

@@ -161,7 +161,9 @@ def interaction_of(
             return None
         longest = alone
         if not alone.explained:
-            together = _together(start, records, alone, progress)
+            found = of_plainest_kind(start, records, _TOGETHER, progress)
+            # Where that has no motion from the start: from what was found without coupling.
+            together = found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
             if together is None:
                 return None
             alone = _alone_again(start, records, alone, together, progress)
@@ -173,14 +175,6 @@ def interaction_of(
     own_terms = tuple(t.key for t in alone.stage.model.terms if t not in start.model.terms)
     slower = own.small_frequency < other.small_frequency
     return Interaction(other.small_frequency, slower, own_terms, pair[0], pair[1], longest)
-
-
-def _together(
-    start: Stage, records: Sequence[CoupledRecord], alone: FittedPieces, progress: Progress
-) -> FittedPieces | None:
-    """With coupling; where that has no motion from the start, from what was found without it."""
-    found = of_plainest_kind(start, records, _TOGETHER, progress)
-    return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
 
 
 def _alone_again(

@@ -20,8 +20,18 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Solved
-from romsindy.diagnosis.screening import Screened, Screening, part_of, screened, strongest_tones
-from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of, with_textbook_exponent
+from romsindy.diagnosis.search import (
+    Finding,
+    Screened,
+    Screening,
+    Search,
+    leaders,
+    part_of,
+    rivals_of,
+    screened,
+    strongest_tones,
+    with_textbook_exponent,
+)
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive, InputBetweenSamples, InputDelay, InputLag

@@ -47,7 +47,6 @@ from romsindy.fit.forced.drives import drives_of, freed, inputs_in, latest, regr
 from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, in_place
 from romsindy.fit.records.arguments import small_frequencies
-from romsindy.fit.records.between_samples import rated, ways
 from romsindy.fit.records.coupled import (
     CoupledRecord,
     ModeShape,
@@ -56,6 +55,7 @@ from romsindy.fit.records.coupled import (
     free_shapes,
 )
 from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.smooth import rated, ways
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel

@@ -15,11 +15,12 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nu
 from romsindy.diagnosis.gap import HELD_OUT, Gap, follow, misfit_of, motions_of, name_of, predict
 from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.screening import part_of, screen
 from romsindy.diagnosis.search import (
     Finding,
     Options,
+    part_of,
     rivals_of,
+    screen,
     smooth_model,
     unsure_parts,
     with_textbook_exponent,

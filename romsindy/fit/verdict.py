@@ -63,7 +63,7 @@ REFUSED = 5.0
 # somewhere, for its terms to be refused: noise alone makes it so where it is nearly none.
 NEGATIVE = 3.0
 
-# -- what does an input do between its samples? (`romsindy.fit.records.between_samples`) ----------
+# -- what does an input do between its samples? (`romsindy.fit.records.smooth`) ----------
 
 # A way must leave this part of the power less than another one: less may be the form of the model.
 FORM = 0.003

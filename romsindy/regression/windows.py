@@ -25,10 +25,10 @@ from sklearn.base import BaseEstimator
 from romsindy.fit.forced.drives import inputs_in, refuse_displacement
 from romsindy.fit.forced.drives import regressed as regressed_about_motion
 from romsindy.fit.records.arguments import require_unit, small_frequencies
-from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records
 from romsindy.fit.records.driven import ForcedRecord
 from romsindy.fit.records.record import NUMERICS
+from romsindy.fit.records.smooth import ways
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import Equations

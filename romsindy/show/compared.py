@@ -137,7 +137,9 @@ def draw_over_time(channel: Compared, figure: Figure, held_out: Compared | None 
         motion = channel.measured - channel.left[name]
         response.plot(channel.t, motion, dash, color=color, lw=1.5, label=name, visible=False)
         _draw_left(ax, channel, name, color, held_out)
-    _same_limits(below)
+    top = max(float(np.abs(ax.get_ylim()).max()) for ax in below)
+    for ax in below:
+        ax.set_ylim(-top, 1.3 * top)  # with room for a legend
     for ax in whole[:-1]:
         ax.sharex(whole[-1])
         ax.tick_params(labelbottom=False)
@@ -165,12 +167,6 @@ def _draw_left(
         for side in (-1, 1):
             ax.axhline(side * channel.noise.std, color="k", ls=":", lw=0.8)
     ax.set_ylabel(f"residual\n({channel.unit})")
-
-
-def _same_limits(axes: Sequence[Axes]) -> None:
-    top = max(float(np.abs(ax.get_ylim()).max()) for ax in axes)
-    for ax in axes:
-        ax.set_ylim(-top, 1.3 * top)  # with room for a legend
 
 
 def _draw_closer(ax: Axes, channel: Compared) -> None:

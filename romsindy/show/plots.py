@@ -38,6 +38,7 @@ from romsindy.typing import Array
 SIGMAS_95 = 1.96
 _FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
+_ALONG = 200  # amplitudes of a curve
 
 
 def _curves(
@@ -136,7 +137,9 @@ def _draw_cycles(
     """Every cycle with its errors, and the curves of models; ``upright``, amplitude goes up."""
     points = points_of(measured, mode)
     backbones, models = backbones_of(measured, models, mode)
-    curves = list(_curves(models, span_of(backbones), quantity, unit, mode))
+    sizes = np.concatenate([b.amplitude for b in backbones])
+    along = np.linspace(sizes.min(), sizes.max(), _ALONG)
+    curves = list(_curves(models, along, quantity, unit, mode))
     for number, b in numbered(backbones):
         read, std = (getattr(b, quantity + end) / unit for end in ("", "_std"))
         x, y = (read, b.amplitude) if upright else (b.amplitude, read)
@@ -471,12 +474,6 @@ def misses(amplitude: Array, measured: Array, curves: Sequence[Curve]) -> Iterat
         with np.errstate(divide="ignore", invalid="ignore"):  # of no damping, nothing is a part
             off = 100 * (said / measured - 1)
         yield Fact(f"{style['label']} off by (%)", off, digits=3)
-
-
-def span_of(backbones: Sequence[Backbone]) -> Array:
-    """Amplitudes from the least to the largest of cycles, (200,)."""
-    amplitudes = np.concatenate([b.amplitude for b in backbones])
-    return np.linspace(amplitudes.min(), amplitudes.max(), 200)
 
 
 _POINTS, _AMPLITUDES = 201, 25

@@ -22,15 +22,15 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     left_of,
     weigh,
 )
-from romsindy.diagnosis.on_beam.anywhere import (
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
+from romsindy.diagnosis.on_beam.parameters import (
     can_be_anywhere,
     moved_to,
     place_now,
+    that_do_the_same,
     with_error_of_place,
 )
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
-from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
     STAND_INS,

@@ -28,10 +28,9 @@ from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice, Experiment, MoreOfIt, WithoutMotion
 from romsindy.diagnosis.on_beam.all_sensors import Latitude, SensorFault
-from romsindy.diagnosis.on_beam.anywhere import can_be_anywhere, where
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam
-from romsindy.diagnosis.on_beam.parameters import that_do_the_same
+from romsindy.diagnosis.on_beam.parameters import can_be_anywhere, that_do_the_same, where
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Adjusted,
     ParameterDirection,

@@ -27,8 +27,8 @@ from romsindy.fit.records.arguments import (
     require_unit,
     small_frequencies,
 )
-from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.modes import mode_beside, modes_of
+from romsindy.fit.records.smooth import ways
 from romsindy.fit.results.estimate import possible, stand_ins
 from romsindy.fit.results.fitted import Fit, with_choice_error
 from romsindy.fit.verdict import WIDEST_SIGNAL

@@ -31,9 +31,9 @@ from romsindy.fit.records.arguments import (
     require_unit,
     small_frequencies,
 )
-from romsindy.fit.records.between_samples import Rivals, rated, ways
 from romsindy.fit.records.coupled import Offset, free_offsets, free_shapes
 from romsindy.fit.records.modes import Modes, modes_near
+from romsindy.fit.records.smooth import Rivals, rated, ways
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.physics.coupled import CoupledModel, linear_model
 from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs

@@ -73,7 +73,9 @@ class Record(Prepared):
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
         valid = np.ones(len(t), bool)
         motion = _motion(grid, displacement)
-        heard = _without_floor(noise)
+        power = noise.spectrum.power
+        above = np.maximum(power - noise.floor**2, _DEAF * power)  # the floor
+        heard = replace(noise.spectrum, power=above)
         doubts = _doubts(t, spline, heard, cycle)
         first = min(settling(heard, decay.dt), cycle / 2) / decay.dt
         return cls(decay, signal, valid, noise, spline, motion, doubts=doubts, first=round(first))
@@ -214,11 +216,6 @@ class Record(Prepared):
 def _each(x: Array, taken: NDArray[np.bool_]) -> Array:
     """Samples (n, ...) that are taken; nothing of the others."""
     return x * (taken if x.ndim == 1 else taken[:, None])
-
-
-def _without_floor(noise: Noise) -> Spectrum:
-    power = noise.spectrum.power
-    return replace(noise.spectrum, power=np.maximum(power - noise.floor**2, _DEAF * power))
 
 
 def _doubts(t: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float) -> Array | None:

@@ -125,7 +125,12 @@ class SteadyFit(Estimate):
         the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
         ``force`` is in the unit of the excitation that was fitted.
         """
-        excitation = _positive(force)
+        if np.ndim(force) or not 0 < force < np.inf:
+            raise ValueError(
+                f"force = {force!r} must be a finite positive number: the amplitude of the"
+                " excitation"
+            )
+        excitation = float(force)
         size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
         slopes = np.zeros((len(self.free) + 1, len(self.joint)))
         slopes[:-1, : len(self.free)] = np.eye(len(self.free))
@@ -283,14 +288,6 @@ def fit_steady(
         solution=solution,
         joint=joint,
     )
-
-
-def _positive(force: float) -> float:
-    if np.ndim(force) or not 0 < force < np.inf:
-        raise ValueError(
-            f"force = {force!r} must be a finite positive number: the amplitude of the excitation"
-        )
-    return float(force)
 
 
 def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import starmap
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -21,7 +22,7 @@ from romsindy.record.files.columns import Column, Table, refused
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration, recorded_input
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording, part_between
+from romsindy.record.recording import QUANTITIES, Quantity, Recording, part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array
@@ -172,7 +173,9 @@ def load_recording(
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
-        return replace(part, drives=_drives(choice, start, end, part.dt))
+        own = part_between(choice.t, start, end)
+        pushed = [(c.values[own], part.dt, c.name, kind) for kind, c in choice.inputs]
+        return replace(part, drives=tuple(starmap(recorded_input, pushed)))
 
 
 def load_decay(
@@ -413,14 +416,6 @@ def _recording(
     base = units[0][0]
     given = (choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
     return Recording(*given, left_out=tuple(c.name for c in choice.rest))
-
-
-def _drives(
-    choice: _Measured, start: float | None, end: float | None, dt: float
-) -> tuple[RecordedInput, ...]:
-    """What the inputs beside a recording do within it."""
-    part = part_between(choice.t, start, end)
-    return tuple(recorded_input(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
