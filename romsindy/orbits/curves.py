@@ -1,7 +1,7 @@
 """Periodic orbits of a model: backbone curves and forced responses with stability.
 
-Orbits are Fourier series (`harmonic_balance`), and families of them (`families`) are followed as
-branches (`continuation`): nothing is integrated in time.
+Orbits are Fourier series, and families of them (`harmonic_balance`) are followed as branches
+(`continuation`): nothing is integrated in time.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from romsindy.notebook import Framed
 from romsindy.orbits.continuation import ContinuationError, Steps
-from romsindy.orbits.families import (
+from romsindy.orbits.harmonic_balance import (
     LADDER,
     Family,
     ForcedFamily,
     FreeFamily,
+    HarmonicBalance,
     OrbitBranch,
     Start,
     Sweep,
+    floquet_multipliers,
     follow,
+    free_multipliers,
 )
-from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers, free_multipliers
 from romsindy.physics.equations import Equations, gain_of
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
