@@ -1,4 +1,4 @@
-"""The beam: the one place from which everything about it is asked."""
+"""The beam: the one place from which everything about it is asked, and its file in TOML."""
 
 from __future__ import annotations
 
@@ -270,8 +270,8 @@ class Beam(BeamStructure):
     ) -> Motion:
         """Let the beam go from `shape` and follow its motion, free or driven.
 
-        It starts from rest, or with a velocity (n_nodes, 3), such as that of `struck` after a hit.
-        `transient.simulate` has the other parameters, and the errors.
+        The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
+        the energy balance or Newton's method asks for it.
 
         Parameters
         ----------
@@ -285,6 +285,29 @@ class Beam(BeamStructure):
         base : BaseAcceleration, or a history, optional
             Acceleration of its base, m/s^2, transverse if it is a history alone. All displacements
             are relative to the base.
+        energy_tolerance : float
+            How far kinetic + strain + potential + dissipated energy - work of the excitation may
+            drift over the whole motion, relative to the energy at release (zero from rest) + the
+            largest work so far.
+        modes, sensors : ModalBasis, SensorArray, optional
+            What to record (default: the first ten modes about the beam's own equilibrium).
+        keep_field : bool
+            Whether to keep every node's motion as well (20 kB per sample at 150 elements).
+        method : RadauIIA, optional
+            The collocation method (default: Radau IIA of order 5).
+        velocity : (n_nodes, 3) array, optional
+            Velocities at the start, m/s and rad/s, such as those of `struck` after a hit (default:
+            rest).
+        progress : bool
+            Whether to show a progress bar, on a terminal.
+
+        Raises
+        ------
+        ValueError
+            For a duration, step or tolerance that is not positive, a shape or a velocity of another
+            mesh, a velocity of what is held, or an excitation that is not finite all the time.
+        StepTooLongError
+            If Newton fails even in steps of step / 1024.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What came of a file, by parts: numbers by name, rows of a table, words in short or full."""
+"""What came of a file: numbers, tables, words; and what is printed and written of one or many."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Does another vibration take part, where what one coordinate explains of records is in doubt?
+"""Does another vibration take part in the motion of a model, or does it only ring along?
 
-Does another vibration take part in the motion of a model, or does it only ring along?
+It is asked where what one coordinate explains of records is in doubt.
 
 The coordinate of the model, q1, and that of the other vibration, q2, are fitted twice to the same
 records, with and without terms that couple them. All coefficients are free, and every coordinate

@@ -3,7 +3,7 @@
 Regression takes noisy displacements as its regressors, and noise there biases what it finds. Here
 all noise is on one side: that of the measurement. The fit starts from the measured motion, smoothed
 (`romsindy.fit.kernel.gauss_newton`), so that the phase is never a cycle off, and ends with exact
-motions (`romsindy.fit.kernel.shooting`).
+motions (`romsindy.fit.kernel.shooting`). Its errors are checked by a parametric bootstrap.
 """
 
 from __future__ import annotations

@@ -437,7 +437,10 @@ def together(t: Array, x: Array, main: int, tone: Ridge) -> tuple[Array, Array]:
     over that in the main one; 0 where it was left out because it does not go with that.
     """
     inside = tone.inside(t)
-    z = [_amplitude(t[inside], channel[inside], tone) for channel in x.T]
+    followed = [
+        HarmonicSpline.along(tone.phase, t[inside], channel[inside], _WIDE, 1) for channel in x.T
+    ]
+    z = [spline.amplitudes(t[inside])[:, 1] for spline in followed]  # complex, along the phase
     own = float(np.vdot(z[main], z[main]).real)
     shape = np.zeros(len(z))
     for i, other in enumerate(z):
@@ -447,11 +450,6 @@ def together(t: Array, x: Array, main: int, tone: Ridge) -> tuple[Array, Array]:
             shape[i] = product.real / own
     weight = shape / np.array([noise_std(channel) for channel in x.T]) ** 2
     return x @ (weight / (weight @ shape)), shape
-
-
-def _amplitude(t: Array, x: Array, tone: Ridge) -> Array:
-    """Complex amplitude of a tone in a signal, along its phase."""
-    return HarmonicSpline.along(tone.phase, t, x, _WIDE, 1).amplitudes(t)[:, 1]
 
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.

@@ -1,4 +1,4 @@
-"""Figures of measured channels: over time beside simulations, and the spectrum of what is left."""
+"""Figures of measured channels, over time and of what is left, and of a diagnosis: from arrays."""
 
 from __future__ import annotations
 

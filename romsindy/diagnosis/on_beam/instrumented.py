@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -225,11 +224,6 @@ class InstrumentedBeam:
         )
         # What is kept beside the modes is what the sensors read.
         return cast(History, motion.sensors)
-
-    def keeping(self, channels: Sequence[int]) -> InstrumentedBeam:
-        """The same with some of the sensors."""
-        kept = [self.sensors.sensors[i] for i in channels]
-        return InstrumentedBeam(self.beam, self.beam.sensors(kept))
 
 
 def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) -> Decay:

@@ -1,7 +1,8 @@
 """Parameters of a beam as effects: what a change of each does to the reduced equation of motion.
 
 The direction in coefficient space is a difference of two reductions of the beam, that of the
-changed one about its own equilibrium and brought to the coordinate of the sensors.
+changed one about its own equilibrium and brought to the coordinate of the sensors. Effects that can
+be anywhere, such as a mass, do the same to the first mode elsewhere with another strength.
 """
 
 from __future__ import annotations

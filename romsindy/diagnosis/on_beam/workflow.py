@@ -179,10 +179,11 @@ def _with_right_sensors(
     gains = None if off is None else position_gains(seen, off)
     fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels, gains)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
-    seen = seen.keeping(kept)
+    right = seen.beam.sensors([seen.sensors.sensors[i] for i in kept])
+    seen = InstrumentedBeam(seen.beam, right)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
-    right = [replace(d, **{n: x[:, kept] for n, x in d.signals.items()}) for d in decays]
-    return seen, simulated, () if fault is None else (fault,), right
+    measured = [replace(d, **{n: x[:, kept] for n, x in d.signals.items()}) for d in decays]
+    return seen, simulated, () if fault is None else (fault,), measured
 
 
 def _effects(

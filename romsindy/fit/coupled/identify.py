@@ -340,7 +340,7 @@ def _earlier(
     grid = whole.motion.grid
     first = max(int(np.ceil((time - stride) / grid.step)), 0)
     since = first * grid.step
-    record = whole.since_step(first)
+    record = whole.between_steps(first, whole.motion.grid.n_steps)
     before = state_before(model, state, time - since)
     equation = equation_of(model, (), 0, record)
     motion = integrate(equation, before, record.motion.grid)

@@ -1,4 +1,4 @@
-"""What a caller gives: records, and coefficients that are known."""
+"""What a caller gives, checked: records, which are made ready, and coefficients that are known."""
 
 from __future__ import annotations
 

@@ -280,10 +280,6 @@ class CoupledRecord(Prepared):
         """The first seconds of every channel, with the noise of all of it."""
         return self.between_steps(0, self.motion.grid.until(end).n_steps)
 
-    def since_step(self, first: int) -> CoupledRecord:
-        """The samples from a step on, with the noise of all of it."""
-        return self.between_steps(first, self.motion.grid.n_steps)
-
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
         return replace(self, noise=tuple(replace(n, std=by * n.std) for n in self.noise))
