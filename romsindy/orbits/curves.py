@@ -334,7 +334,9 @@ def backbone_curve(
     # The branch is one unit long in p, and as much in shape and frequency.
     steps = _steps(n_points, 2.0)
     first = low / high
-    start = _small(shape / shape[coordinate], 1e-3 * first)
+    still = np.zeros_like(shape)  # a vibration in the linear mode, from rest
+    unknowns = np.concatenate([still, shape / shape[coordinate], still, [1.0, 0.0]])
+    start = Start(unknowns, 1e-3 * first)
     failure = f"no orbit of amplitude {low:g} is reached from the linear mode: give a smaller one"
     led, ends = partial(family, True), (first, 1.0)
     if len(shape) > 1:  # a branch may pass through zero, but not start there
@@ -550,12 +552,6 @@ def require_mode(number: int, model: Equations) -> None:
         several = f"the modes 1 to {count}: give one of them"
         one = "a model of one coordinate: give 1, or a CoupledModel"
         raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
-
-
-def _small(shape: Array, p: float) -> Start:
-    """A vibration in a linear mode, as unknowns of a `FreeFamily` from rest."""
-    still = np.zeros_like(shape)
-    return Start(np.concatenate([still, shape, still, [1.0, 0.0]]), p)
 
 
 def frequency_range(frequency: Any) -> tuple[float, float]:
