@@ -35,7 +35,7 @@ from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
-from romsindy.fit.kernel.part import Coefficient, Part, Solution, columns_of, read
+from romsindy.fit.kernel.part import Coefficient, Part, Solution, columns_of, in_place, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT
@@ -295,7 +295,7 @@ def _with_tones(
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
     equation = equation_of(model, parts, 0, record)
-    response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+    response = respond(equation, motion)
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]
     basis = change[:, 1:]
@@ -540,8 +540,8 @@ def rivals_of(
     instead = not best.effects or any(i < best.n_free for i in best.blamed)
     most = len(best.effects) + bool(instead)
     for h in compared:
-        in_place = best.forced and len(h.effects) > len(best.effects)
-        near = h.score - best.score < (0.0 if in_place else EQUIVALENT)
+        replaces = best.forced and len(h.effects) > len(best.effects)
+        near = h.score - best.score < (0.0 if replaces else EQUIVALENT)
         near |= not h.effects and h.misfit - best.misfit < as_one
         more = h.said > best.said
         if near and not more and len(h.effects) <= most and h.names:
@@ -613,3 +613,15 @@ def unsure_parts(
         part = Part.of(effect, all_scales, n_records)
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)
+
+
+def sought_beside(
+    unsure: Sequence[Part],
+    model: Equations,
+    catalogue: Sequence[Effect],
+    tolerances: Mapping[str, float],
+) -> tuple[Effect, ...]:
+    """Effects that are not among the unsure values, and too much of a term of the model."""
+    names = {p.effect.name for p in unsure}
+    effects = [e for e in catalogue if e.name not in names]
+    return (*effects, *(c for c in in_place(model, effects) if c.of.key not in tolerances))

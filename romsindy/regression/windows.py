@@ -144,7 +144,7 @@ class WindowMotion:
         factor = int(np.ceil(_STEPS * rate.max() * dt))
         width = min(round(cycles / (rate.min() * dt)), len(record.t))
         grid, q, q_dot = record.motion.grid, record.motion.q, record.motion.q_dot
-        motion_at = CubicHermiteSpline(grid.start + grid.step * np.arange(len(q)), q, q_dot)
+        motion_at = CubicHermiteSpline(grid.ends, q, q_dot)
         t = dt / factor * np.arange(factor * (len(record.t) - 1) + 1)
         motion = np.array([motion_at(t, k) for k in range(3)])
         return cls(record, vibration, shapes, oscillators, scale, factor, width, motion)

@@ -231,9 +231,8 @@ class BeamRounds(Rounds):
         if not any(map(self._somewhere, best.effects)):
             return best
         for h in report.rivals:
-            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
             alike = family_of([h.names, best.names]) is not None
-            if there and alike and not any(map(self._somewhere, h.effects)):
+            if self.can_have(h.effects) and alike and not any(map(self._somewhere, h.effects)):
                 return h
         return best
 

@@ -454,11 +454,10 @@ def _wave(tone: Ridge, t: Array, times: int) -> Array:
 
 
 def _motion(grid: Grid, tones: Sequence[Ridge], derivative: int) -> Trajectory:
-    ends = grid.start + grid.step * np.arange(grid.n_steps + 1)
     inside = grid.node_times(0, grid.n_steps).ravel()
     q, q_dot, q_ddot = (
         np.stack([_wave(tone, t, d - derivative) for tone in tones], axis=1)
-        for d, t in enumerate((ends, ends, inside))
+        for d, t in enumerate((grid.ends, grid.ends, inside))
     )
     return Trajectory(grid, q, q_dot, q_ddot.reshape(-1, 3, len(tones)))
 

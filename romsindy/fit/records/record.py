@@ -281,7 +281,7 @@ def _after(decay: Decay, record: Record) -> Array | None:
 
 
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
-    ends = spline(grid.start + grid.step * np.arange(grid.n_steps + 1))
+    ends = spline(grid.ends)
     inside = spline(grid.node_times(0, grid.n_steps).ravel())[2]
     # Real parts of complex arrays lie apart in memory, and are moved together on the way to another
     # process: sums would be rounded in another order there.

@@ -73,7 +73,7 @@ def on_grid(fine: Array, dt: float, grid: Grid) -> Trajectory:
     """The motion through displacements (m, R), four in the place of a sample, on some steps."""
     t = dt / _FINER * np.arange(len(fine))
     spline = make_interp_spline(t, fine, k=5)
-    at = np.clip(grid.start + grid.step * np.arange(grid.n_steps + 1), 0.0, t[-1])
+    at = np.clip(grid.ends, 0.0, t[-1])
     inside = np.clip(grid.node_times(0, grid.n_steps), 0.0, t[-1])
     return Trajectory(grid, spline(at), spline(at, 1), spline(inside, 2))
 
