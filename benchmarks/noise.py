@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter, sosfilt
 
 import romsindy as rs
-from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import examine
 from romsindy.fit.records.record import Record
 
 RATE, LENGTH, SETTLE = 300.0, 20.0, 3000

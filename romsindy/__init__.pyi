@@ -5,9 +5,9 @@ from romsindy.beam import Beam as Beam
 from romsindy.beam import PointForce as PointForce
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
 from romsindy.diagnosis import diagnose as diagnose
-from romsindy.fit.bootstrap import bootstrap as bootstrap
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.identify import identify as identify
+from romsindy.fit.refine import bootstrap as bootstrap
 from romsindy.fit.refine import refine as refine
 from romsindy.fit.results.estimate import Estimate as Estimate
 from romsindy.fit.results.fitted import Fit as Fit
@@ -36,6 +36,7 @@ from romsindy.record.recording import Recording as Recording
 from romsindy.record.smoothing import Butterworth as Butterworth
 from romsindy.record.smoothing import SavitzkyGolay as SavitzkyGolay
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
+from romsindy.regression.estimator import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary
 from romsindy.regression.library import DampingLibrary as DampingLibrary
 from romsindy.regression.library import ICROMLibrary as ICROMLibrary
@@ -44,7 +45,6 @@ from romsindy.regression.library import StiffnessLibrary as StiffnessLibrary
 from romsindy.regression.library import implicit_data as implicit_data
 from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
-from romsindy.regression.scaled_optimizer import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.windows import WindowProjection as WindowProjection
 from romsindy.structure import Structure as Structure
 

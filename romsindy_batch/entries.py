@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from romsindy.record.files.kinds import ENDINGS
+from romsindy.record.files.load import ENDINGS
 from romsindy.text import listed
 
 _FILE = "file"  # the column of a table that names records

@@ -22,8 +22,8 @@ from romsindy.commands.outputs import (
     write_json,
     writing,
 )
+from romsindy.diagnosis.arguments import of_repeats
 from romsindy.diagnosis.difference import KINDS, Difference, Tolerance
-from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.words import undetermined
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import FLOOR

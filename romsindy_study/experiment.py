@@ -11,7 +11,7 @@ from romsindy.beam import Motion
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.record.smoothing import Butterworth
-from romsindy.regression.comparison import PAPER, WEIGHTED
+from romsindy.regression.estimator import PAPER, WEIGHTED
 from romsindy.regression.judged import Judged
 from romsindy_study.models import identify
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
-from romsindy.regression.comparison import PAPER, regress
-from romsindy.regression.estimator import HarmonicSINDy
+from romsindy.regression.estimator import PAPER, HarmonicSINDy, regress
 from romsindy.regression.judged import Judged
 from romsindy.regression.library import (
     BeamTheoryLibrary,

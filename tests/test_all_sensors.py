@@ -15,7 +15,7 @@ from romsindy.beam import Beam, Section
 from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.all_sensors import Readings, along, followed, with_errors, without
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.family import family_of
+from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.all_sensors import (
     Latitude,
@@ -26,9 +26,9 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     weigh,
 )
 from romsindy.diagnosis.on_beam.instrumented import ModesAtRest
-from romsindy.diagnosis.on_beam.next_release import variance_of
+from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam
 from romsindy.diagnosis.on_beam.parameters import damping_effects
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam
+from romsindy.diagnosis.on_beam.report import variance_of
 from romsindy.diagnosis.on_beam.within_tolerances import slopes
 from romsindy.diagnosis.rounds import Rounds, undecided
 from romsindy.effects import AtPoint, Damper, Viscous

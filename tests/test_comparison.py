@@ -11,7 +11,7 @@ from romsindy import (
     example_decay,
     extract_backbone,
 )
-from romsindy.regression.comparison import WEIGHTED, compare_models
+from romsindy.regression.estimator import WEIGHTED, compare_models
 from romsindy.regression.judged import coefficient_table, judge, negative_inertia
 
 

@@ -7,8 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from romsindy import CoupledModel, ReducedModel, backbone_curve, forced_response
-from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
-from romsindy.orbits.harmonic_balance import HarmonicBalance, monodromy
+from romsindy.orbits.harmonic_balance import (
+    ForcedFamily,
+    FreeFamily,
+    HarmonicBalance,
+    Sweep,
+    monodromy,
+)
 from romsindy.show.plots import plot_branch, plot_forced_response
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_linear": 0.1}

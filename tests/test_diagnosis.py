@@ -24,7 +24,7 @@ from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.decay_search import ProcessNoise
 from romsindy.diagnosis.evidence import FormError
 from romsindy.diagnosis.pictures import MissingForce, record_errors
-from romsindy.diagnosis.screening import screen
+from romsindy.diagnosis.search import screen
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag, DryFriction
 from romsindy.effects.outside import Hum

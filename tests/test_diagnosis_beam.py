@@ -18,6 +18,7 @@ from romsindy.beam.structure import Spring, springs_of
 from romsindy.commands.main import main
 from romsindy.diagnosis import rounds
 from romsindy.diagnosis.on_beam import InstrumentedBeam
+from romsindy.diagnosis.on_beam.all_sensors import find_fault
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -26,7 +27,6 @@ from romsindy.diagnosis.on_beam.parameters import (
     standard_deviations,
 )
 from romsindy.diagnosis.on_beam.report import recipe_of
-from romsindy.diagnosis.on_beam.sensor_faults import find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import position_gains
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, CubicStiffness, Damper, PointMass
 from romsindy.effects.base import Scales, State

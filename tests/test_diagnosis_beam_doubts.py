@@ -23,15 +23,14 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     weigh,
 )
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
-from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
+from romsindy.diagnosis.on_beam.mounted import points
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.place import points
-from romsindy.diagnosis.on_beam.release import bending, read_release
+from romsindy.diagnosis.on_beam.release import OnBeam, bending, read_release
 from romsindy.diagnosis.on_beam.within_tolerances import (
     adjusted,
     beam_with,

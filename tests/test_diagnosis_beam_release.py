@@ -11,11 +11,11 @@ import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Sensor
 from romsindy.beam.changes import Denser, StifferBending, StifferMaterial, StifferSpring
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.parameters import that_do_the_same
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
     BeamRelease,
+    OnBeam,
     _towards,
     bending,
     read_release,

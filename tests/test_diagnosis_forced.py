@@ -11,7 +11,7 @@ import romsindy as rs
 from romsindy.diagnosis import ForcedReport
 from romsindy.diagnosis.arguments import checked_driven
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.noise_of_best import ByNoises, NoiseOfBest
+from romsindy.diagnosis.residual_search import ByNoises, NoiseOfBest
 from romsindy.diagnosis.residual_workflow import search_beside_inputs
 from romsindy.diagnosis.search import Options
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous

@@ -13,7 +13,7 @@ from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.driven import Sampled
 from romsindy.fit.records.modes import modes_near, modes_of
-from romsindy.fit.results.small_vibrations import small_vibrations
+from romsindy.fit.results.fitted import small_vibrations
 from romsindy.physics.coupling import Along, MixedStiffness
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness

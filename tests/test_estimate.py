@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import examine
 from romsindy.physics.example import EXAMPLE_MODEL
 
 OMEGA, C = 6.0, 0.12

@@ -11,12 +11,10 @@ import pytest
 import romsindy as rs
 from romsindy.beam import Beam, Section
 from romsindy.beam.motion import Sensor
-from romsindy.diagnosis.family import EffectFamily, small_vibration
-from romsindy.diagnosis.found import effects_of
+from romsindy.diagnosis.found import EffectFamily, effects_of, small_vibration
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import mounted_effects
+from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.report import BeamReport, in_interval
 from romsindy.effects import (
     CubicStiffness,

@@ -13,9 +13,9 @@ from romsindy import ForcedVibration, identify, refine
 from romsindy.fit.adequacy.independence import examine_forced
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.results.estimate import stand_ins
 from romsindy.fit.results.fitted import _undetermined
 from romsindy.fit.results.predict import Sensors, predicted
-from romsindy.fit.results.signs import stand_ins
 from romsindy.physics.input import Input
 from romsindy.show.plots import plot_forced_response
 

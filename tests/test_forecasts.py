@@ -6,7 +6,7 @@ import pytest
 import romsindy as rs
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.process_noise import KNOWN, Windows, grown, normal_draws, scatter
-from romsindy.fit.records.measured import prepared
+from romsindy.fit.records.arguments import prepared
 from romsindy.physics.stiffness import Stiffness
 
 OMEGA = 20.0

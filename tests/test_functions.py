@@ -11,12 +11,11 @@ from scipy.stats import multivariate_normal
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.fit.functions import evidence, prior
-from romsindy.fit.functions.evidence import _inside, _positive, draw
-from romsindy.fit.functions.prior import lifted, nearest
+from romsindy.fit.functions import evidence
+from romsindy.fit.functions.evidence import _inside, _positive, draw, lifted, nearest
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
-from romsindy.fit.records.measured import prepared
+from romsindy.fit.records.arguments import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
 
@@ -185,9 +184,9 @@ def test_evidence_is_the_marginal_likelihood():
     triangle = np.linalg.qr(rows, mode="r")
     data = evidence.Reduced(triangle, 0.0, ())
     costs, exact = [], []
-    for scales in (prior.MIDDLE, prior.MIDDLE + 0.3):
-        costs.append(evidence._cost(equation, data, scales) - prior.cost(scales))
-        factor = prior.factor(equation, scales)
+    for scales in (evidence.MIDDLE, evidence.MIDDLE + 0.3):
+        costs.append(evidence._cost(equation, data, scales) - evidence.prior_cost(scales))
+        factor = evidence.prior_factor(equation, scales)
         covariance = np.eye(len(rows)) + rows[:, :p] @ factor @ factor.T @ rows[:, :p].T
         exact.append(-multivariate_normal(cov=covariance).logpdf(rows[:, p]))
     # The constant of the density is left out: differences count.

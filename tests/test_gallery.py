@@ -62,7 +62,7 @@ def test_scripts_are_short_and_of_public_names(path):
         PLAIN.replace("\n\nWhat is seen.", ""),
         PLAIN.replace("rs.inspect", "rs.nothing"),
         PLAIN.replace("rs.inspect", "rs.inspect.__wrapped__"),
-        PLAIN.replace("rs.inspect", "from romsindy.show.traces import Trace"),
+        PLAIN.replace("rs.inspect", "from romsindy.show.compared import Compared"),
         PLAIN.replace("rs.inspect", "from romsindy.show.plots import plot_nothing"),
         PLAIN.replace("rs.inspect", "x = 1\n" * 14),
         PLAIN.replace("plt.show()", "plt.close()"),

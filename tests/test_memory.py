@@ -22,7 +22,7 @@ from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.linear_response import nodes, sensitivity
 from romsindy.fit.kernel.part import Part, moved_parts
-from romsindy.fit.records.measured import prepared
+from romsindy.fit.records.arguments import prepared
 from romsindy.fit.verdict import PREDICTED
 from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.input import Input

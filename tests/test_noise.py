@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, freqz, lfilter, lfilter_zi, sosfilt
 
 import romsindy as rs
-from romsindy.diagnosis.screening import combs, tuned
-from romsindy.fit.adequacy.decays import examine
+from romsindy.diagnosis.search import combs, tuned
+from romsindy.fit.adequacy.verdicts import examine
 from romsindy.fit.records.record import Record, sharing_drift
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.record.spectrum import Line, Spectrum, distortion

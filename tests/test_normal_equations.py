@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.kernel.normal_equations import inverse, solved
+from romsindy.fit.kernel.hypothesis import inverse, solved
 
 RNG = np.random.default_rng(0)
 SCALES = 10.0 ** np.array([0, 9, -9, 4])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.results.curve import Curve
+from romsindy.fit.results.estimate import Curve
 from romsindy.inspection.tables import summary, tables
 from romsindy.physics.example import EXAMPLE_MODEL
 

@@ -13,10 +13,9 @@ from romsindy.commands.diagnose import _CODES
 from romsindy.commands.main import main
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.diagnosis import decay_search, diagnose
-from romsindy.diagnosis.arguments import shared_part
+from romsindy.diagnosis.arguments import of_repeats, shared_part
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
 from romsindy.fit.verdict import SHARED

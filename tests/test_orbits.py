@@ -7,8 +7,13 @@ from oracles import ORDER_5, ORDER_9, duffing_frequency
 from scipy.integrate import odeint, solve_ivp
 
 from romsindy import ContinuationError, ReducedModel, backbone_curve, forced_response
-from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
-from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers
+from romsindy.orbits.harmonic_balance import (
+    ForcedFamily,
+    FreeFamily,
+    HarmonicBalance,
+    Sweep,
+    floquet_multipliers,
+)
 from romsindy.physics.example import EXAMPLE_MODEL
 
 DUFFING = {"omega^2": 1.0, "gamma_3": 1.0}

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.diagnosis import interaction, other_mode
+from romsindy.diagnosis import other_mode
 from romsindy.effects import CubicStiffness, DryFriction, Hum, SecondMode
 
 OMEGA, GAMMA, DAMPING = 2 * np.pi * 10.0, 900.0, 0.6
@@ -148,7 +148,7 @@ def test_one_mode_is_not_looked_at_twice(monkeypatch):
 def test_the_clamped_beam_lacks_its_third_mode(measured, monkeypatch):
     """The first mode crosses a fifth of 376 Hz near 1 mm: 0.8 s about that, smooth laws alone."""
     for kinds in ("_ALONE", "_TOGETHER"):
-        monkeypatch.setattr(interaction, kinds, getattr(interaction, kinds)[:1])
+        monkeypatch.setattr(other_mode, kinds, getattr(other_mode, kinds)[:1])
     file = measured / "cc_beam_bristol.npz"
     run = rs.load_decay(file, "m/s", column="mode1b_v", time="mode1b_t").free()
     known = {"omega^2": 8.3e4, "gamma_3": 2.2e11, "c_linear": 1.4}

@@ -13,11 +13,9 @@ from romsindy import CoupledModel, Decay, identify
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import free_coefficients
-from romsindy.fit.kernel.pieces import fit_pieces, lengths
-from romsindy.fit.records.coupled import coupled_records, free_shapes
-from romsindy.fit.records.mode_shape import CurvedShape
-from romsindy.fit.results.fitted import refined
-from romsindy.fit.results.small_vibrations import small_vibrations
+from romsindy.fit.kernel.shooting import fit_pieces, lengths
+from romsindy.fit.records.coupled import CurvedShape, coupled_records, free_shapes
+from romsindy.fit.results.fitted import refined, small_vibrations
 from romsindy.show.identified import Identified
 from romsindy.show.panels import over_time
 

@@ -7,8 +7,7 @@ from romsindy.effects.choices import PLACES, sought
 from romsindy.fit.choice import Gram, Trials, dragged
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.hypothesis import smoothed
-from romsindy.fit.results.estimate import Estimate
-from romsindy.fit.results.signs import massless, possible, stand_ins
+from romsindy.fit.results.estimate import Estimate, massless, possible, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping

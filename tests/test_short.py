@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.functions.short import shortened
+from romsindy.fit.functions.identification import shortened
 
 FEW = {"omega^2": 40.0, "gamma_3": 60.0, "Upsilon_3": 2.0, "c_linear": 0.1, "delta_2": 0.3}
 REACH = (-0.5, 0.45)

@@ -18,11 +18,10 @@ import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.effects import AirDrag
 from romsindy.physics.example import EXAMPLE_MODEL
-from romsindy.show import diagnosis_plots, plots
+from romsindy.show import compared, plots
 from romsindy.show.axes import Fact, tell
-from romsindy.show.interactive import curves, translated
+from romsindy.show.interactive import curves, translated, words
 from romsindy.show.page import Picture, write_overview
-from romsindy.show.traces import words
 from romsindy_study.content import Chapter
 from romsindy_study.pages import write_chapter, write_story
 
@@ -291,7 +290,7 @@ def test_looks_and_limits_are_those_of_the_figure():
 def test_bars_have_their_values_and_places():
     figure = Figure()
     before, after = np.array([8.0, 5.0]), np.array([0.9, 2.0])
-    diagnosis_plots.draw_errors(["record 1", "record 2"], before, after, figure)
+    compared.draw_errors(["record 1", "record 2"], before, after, figure)
     (page,) = translated(figure)
     for trace, values in zip(page.to_dict()["data"], (before, after), strict=True):
         np.testing.assert_allclose(array(trace["base"]) + array(trace["y"]), values)
@@ -322,7 +321,7 @@ def test_columns_stand_by_themselves_and_what_has_no_counterpart_stays_an_image(
     assert translated(figure) == [] and curves(figure, "name") == ""
     figure = Figure()
     edges, angle = np.linspace(0, 1, 3), np.linspace(0, 6, 5)
-    diagnosis_plots.draw_plane(edges, angle, np.ones((2, 4)), figure)
+    compared.draw_plane(edges, angle, np.ones((2, 4)), figure)
     assert translated(figure) == []
 
 

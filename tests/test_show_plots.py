@@ -23,7 +23,7 @@ from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.functions.series import ModelStructure, Sizes
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
-from romsindy.show import function_plots, plots
+from romsindy.show import plots
 from romsindy.show.identified import Identified
 from romsindy.show.panels import functions
 
@@ -110,7 +110,7 @@ def band(ax, i=0):
 
 def test_functions_with_their_bands_beside_a_regression():
     found = identification(3)
-    ax = function_plots.plot_inertia(found, {"plain IC-ROM": EXAMPLE_MODEL})
+    ax = plots.plot_inertia(found, {"plain IC-ROM": EXAMPLE_MODEL})
     q, low, high = band(ax)
     assert q[0] == -1.5 and q[-1] == 1.6 and ax.get_xlabel() == "q (m)"
     # 96 of 101 draws span 95 of the 100 steps of 0.002.
@@ -118,7 +118,7 @@ def test_functions_with_their_bands_beside_a_regression():
     identified, plain = ax.lines
     np.testing.assert_allclose(identified.get_ydata(), EXAMPLE_MODEL.inertia(q), rtol=1e-12)
     np.testing.assert_allclose(plain.get_ydata(), identified.get_ydata(), rtol=1e-12)
-    ax = function_plots.plot_stiffness(found, {"plain stiffness": EXAMPLE_MODEL})
+    ax = plots.plot_stiffness(found, {"plain stiffness": EXAMPLE_MODEL})
     q, low, high = band(ax)
     np.testing.assert_allclose(low, 36 + 2 * q + 9 * q**2, rtol=1e-12)
     np.testing.assert_allclose(high, low, rtol=1e-12)
@@ -126,13 +126,13 @@ def test_functions_with_their_bands_beside_a_regression():
 
 
 def test_parts_with_their_bands_or_an_upper_limit():
-    ax = function_plots.plot_parts(identification(3))
+    ax = plots.plot_parts(identification(3))
     assert [line.get_label() for line in ax.lines] == ["inertia", "nonlinear stiffness", "damping"]
     amplitude, low, high = band(ax)
     assert amplitude[-1] == pytest.approx(1.5) and np.all(low > 0)
     # At small amplitude h is Upsilon_3 q^2: a band of +-32 % about its middle.
     np.testing.assert_allclose(high[0] / low[0], 0.395 / 0.205, rtol=0.03)
-    ax = function_plots.plot_parts(identification(0))
+    ax = plots.plot_parts(identification(0))
     assert ax.lines[0].get_label() == "inertia at most" and np.all(band(ax)[1] == 0)
 
 

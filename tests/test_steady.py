@@ -15,8 +15,7 @@ import steady_oracle as oracle
 from scipy.optimize import brentq
 
 import romsindy as rs
-from romsindy.fit.steady.balance import Chain, linearised
-from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.balance import Chain, SteadyPoints, linearised
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 
 DUFFING = {"k": 1.0, "g": 0.5, "c": 0.04}

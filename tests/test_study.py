@@ -17,7 +17,7 @@ from romsindy import HarmonicSINDy, ROMLibrary
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.record.signals import crossings
-from romsindy.regression.comparison import PAPER, WEIGHTED
+from romsindy.regression.estimator import PAPER, WEIGHTED
 from romsindy_study import chapters, story, tables
 from romsindy_study import command as study_command
 from romsindy_study.content import Check, Table

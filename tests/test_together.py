@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import f
 
-from romsindy.fit.adequacy.together import tell_together
+from romsindy.fit.adequacy.independence import tell_together
 
 
 def _power(columns, y):

@@ -12,7 +12,7 @@ from scipy.stats import binom
 
 import romsindy as rs
 from romsindy.fit import verdict
-from romsindy.fit.adequacy.decays import examine
+from romsindy.fit.adequacy.verdicts import examine
 from romsindy.fit.records.record import Record
 
 T = np.arange(0, 40, 0.01)

@@ -6,11 +6,10 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 import romsindy as rs
-from romsindy.record.isolation import isolated, together
 from romsindy.record.ridges import find_ridges
 from romsindy.record.ringing import ringing_in
 from romsindy.record.signals import downsample
-from romsindy.record.vibrations import dominant, find_vibrations, resonances
+from romsindy.record.vibrations import dominant, find_vibrations, isolated, resonances, together
 
 RATE = 2000.0
 T = np.arange(0, 6.0, 1 / RATE)

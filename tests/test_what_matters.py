@@ -11,10 +11,10 @@ from test_diagnosis import LONG, MODEL, OMEGA, decay
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis import decay_search, diagnose, search
+from romsindy.diagnosis.arguments import of_repeats, stated
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance_sources import of_repeats, stated
 from romsindy.diagnosis.words import odds
 from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import romsindy as rs
-from romsindy.show.function_plots import plot_inertia, plot_stiffness
+from romsindy.show.plots import plot_inertia, plot_stiffness
 
 terms = {"omega^2": 36.0, "gamma_2": 2.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.06}
 model = rs.ReducedModel.from_coefficients(terms, unit="m")

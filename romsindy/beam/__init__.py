@@ -1,7 +1,6 @@
 """The beam simulator: geometrically exact beams, their modes, motion and reduced models."""
 
-from romsindy.beam.beam import Beam
-from romsindy.beam.beam_file import load_beam
+from romsindy.beam.beam import Beam, load_beam
 from romsindy.beam.equilibrium import ModalBasis, NoEquilibriumError, Shape
 from romsindy.beam.excitation import BaseAcceleration, PointForce
 from romsindy.beam.integrator import RadauIIA
@@ -13,6 +12,5 @@ from romsindy.beam.motion import (
     SensorArray,
     StepTooLongError,
 )
-from romsindy.beam.reduction import relative_error
-from romsindy.beam.static_shapes import StaticCurve
+from romsindy.beam.static_shapes import StaticCurve, relative_error
 from romsindy.beam.structure import CLAMPED, FREE, PINNED, Section, Support

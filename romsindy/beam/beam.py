@@ -1,11 +1,15 @@
-"""The beam: the one place from which everything about it is asked."""
+"""The beam: the one place from which everything about it is asked, and its file in TOML."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+import math
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, overload
+from pathlib import Path
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -14,14 +18,14 @@ from romsindy.beam.equilibrium import ModalBasis, Shape, find_equilibrium, hold,
 from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
 from romsindy.beam.integrator import RadauIIA
 from romsindy.beam.motion import Motion, Sensor, SensorArray, place_sensors
-from romsindy.beam.reduction import reduce, reduce_modes
-from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
-from romsindy.beam.structure import BeamStructure, Section, Spring
+from romsindy.beam.static_shapes import StaticCurve, follow_static_curve, reduce, reduce_modes
+from romsindy.beam.structure import CLAMPED, FREE, PINNED, BeamStructure, Section, Spring, Support
 from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
 from romsindy.effects.mounting import MountedLaw, PointMass
+from romsindy.physics import validation as entries
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.validation import require_finite, require_positive
+from romsindy.physics.validation import refuse_unknown, require_finite, require_positive
 
 
 @dataclass(frozen=True)
@@ -266,8 +270,8 @@ class Beam(BeamStructure):
     ) -> Motion:
         """Let the beam go from `shape` and follow its motion, free or driven.
 
-        It starts from rest, or with a velocity (n_nodes, 3), such as that of `struck` after a hit.
-        `transient.simulate` has the other parameters, and the errors.
+        The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
+        the energy balance or Newton's method asks for it.
 
         Parameters
         ----------
@@ -281,6 +285,29 @@ class Beam(BeamStructure):
         base : BaseAcceleration, or a history, optional
             Acceleration of its base, m/s^2, transverse if it is a history alone. All displacements
             are relative to the base.
+        energy_tolerance : float
+            How far kinetic + strain + potential + dissipated energy - work of the excitation may
+            drift over the whole motion, relative to the energy at release (zero from rest) + the
+            largest work so far.
+        modes, sensors : ModalBasis, SensorArray, optional
+            What to record (default: the first ten modes about the beam's own equilibrium).
+        keep_field : bool
+            Whether to keep every node's motion as well (20 kB per sample at 150 elements).
+        method : RadauIIA, optional
+            The collocation method (default: Radau IIA of order 5).
+        velocity : (n_nodes, 3) array, optional
+            Velocities at the start, m/s and rad/s, such as those of `struck` after a hit (default:
+            rest).
+        progress : bool
+            Whether to show a progress bar, on a terminal.
+
+        Raises
+        ------
+        ValueError
+            For a duration, step or tolerance that is not positive, a shape or a velocity of another
+            mesh, a velocity of what is held, or an excitation that is not finite all the time.
+        StepTooLongError
+            If Newton fails even in steps of step / 1024.
 
         Examples
         --------
@@ -424,3 +451,144 @@ class Beam(BeamStructure):
     def sensors(self, sensors: Sequence[Sensor | float]) -> SensorArray:
         """Place sensors on the beam; see `motion.place_sensors`."""
         return place_sensors(self.assembly, sensors)
+
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+# Speed of sound along a beam, m/s: soft rubber, and four times as fast as in steel.
+_SLOWEST, _FASTEST = 20.0, 2e4
+_ANY_BEAM = ("length", "elements", "alpha", "eta", "gravity")
+_OTHER_BEAMS = ("left", "right", "masses", "springs")
+_SUPPORTS = {"clamped": CLAMPED, "pinned": PINNED, "free": FREE}
+_SECTIONS: dict[str, Callable[..., Section]] = {"rectangle": Section.rectangle, "section": Section}
+
+
+def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
+    """Read a beam, its sensors and the columns that they are measured in from a TOML file.
+
+    The table ``[beam]`` holds arguments of `Beam.cantilever`. For any other beam, a table
+    ``[beam.rectangle]`` (`Section.rectangle`) or ``[beam.section]`` (`Section`) says what it is
+    made of; ``[beam]`` then holds ``length``, ``elements``, ``alpha``, ``eta``, ``gravity``
+    (downwards, m/s^2), and ``left`` and ``right``: "clamped", "pinned", "free" or the stiffness of
+    a clamp that gives way, N m/rad. ``[[beam.masses]]`` and ``[[beam.springs]]`` hold arguments of
+    `PointMass` and `Spring`. The table ``[sensors]`` holds a list ``positions``, m, of transverse
+    sensors and a list ``columns`` of names in the measured files.
+
+    Raises
+    ------
+    ValueError
+        For a file that is no TOML, an argument that is unknown, missing or no number, no
+        positions, or a beam that cannot be.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no TOML: it is no text in UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path} is no TOML: {error}") from error
+    try:
+        refuse_unknown("a file of a beam", content, ("beam", "sensors"))
+        beam = _beam(entries.table("[beam]", content.get("beam", {})))
+        if "section" not in content.get("beam", {}):  # whose stiffness is what it is called
+            _require_si(beam.section)
+        sensors, columns = _sensors(entries.table("[sensors]", content.get("sensors", {})))
+        return beam, beam.sensors(sensors), columns
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _beam(values: dict[str, Any]) -> Beam:
+    sections = [name for name in _SECTIONS if name in values]
+    if not sections:
+        for name in (n for n in values if n in _OTHER_BEAMS):
+            raise ValueError(
+                f"[beam] {name} is of a beam with [beam.rectangle] or [beam.section]: add one of"
+                f" these, or leave {name} out"
+            )
+        return _made(Beam.cantilever, values, "[beam]")
+    if len(sections) > 1:
+        raise ValueError("[beam.rectangle] and [beam.section] are two sections: give one")
+    refuse_unknown("[beam]", values, (*_ANY_BEAM, *_OTHER_BEAMS, *_SECTIONS))
+    own = dict(values)
+    table = own.pop(sections[0])
+    own["section"] = _made(_SECTIONS[sections[0]], table, f"[beam.{sections[0]}]")
+    laws = {"masses": PointMass, "springs": Spring}
+    own["effects"] = tuple(
+        _made(law, value, f"[[beam.{name}]]")
+        for name, law in laws.items()
+        for value in entries.items(f"[[beam.{name}]]", own.pop(name, []))
+    )
+    gravity = own.get("gravity", 9.81)
+    own |= {end: _support(own[end], end) for end in ("left", "right") if end in own}
+    if not isinstance(gravity, list):
+        own["gravity"] = (0.0, -entries.finite("[beam] gravity", gravity))
+    return _made(Beam, own, "[beam]")
+
+
+def _require_si(section: Section) -> None:
+    speed = math.sqrt(section.EA / section.mass)
+    if not _SLOWEST < speed < _FASTEST:
+        raise ValueError(
+            f"[beam] sound would travel at {speed:.3g} m/s along the beam, which is no material:"
+            " give SI units (m, N/m^2, kg/m^3), not mm, MPa and t/mm^3"
+        )
+
+
+def _support(value: object, end: str) -> Support:
+    if isinstance(value, str) and value in _SUPPORTS:
+        return _SUPPORTS[value]
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return Support.elastic(float(value))
+    raise ValueError(
+        f"[beam] {end} = {value!r}: give one of {list(_SUPPORTS)}, or a stiffness in N m/rad"
+    )
+
+
+def _sensors(values: dict[str, Any]) -> tuple[list[Sensor], list[str]]:
+    refuse_unknown("[sensors]", values, ("positions", "columns"))
+    places, columns = values.get("positions", []), values.get("columns", [])
+    lists = isinstance(places, list) and isinstance(columns, list)
+    if not lists or not places or len(columns) != len(places):
+        raise ValueError(
+            f"[sensors] has positions = {places} and columns = {columns}: give positions = [...],"
+            " in m, and as many columns = [...], names in the measured files"
+        )
+    names = entries.several(entries.text)("[sensors] columns", columns)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"[sensors] columns has {name!r} twice: give every position a column of its own"
+            )
+    at = entries.several(entries.finite)("[sensors] positions", places)
+    return [Sensor(x) for x in at], list(names)
+
+
+def _made(make: Callable[..., T], value: Any, table: str) -> T:
+    """Call a constructor with the values of a table; lists stand for tuples."""
+    parameters = inspect.signature(make).parameters
+    needed = [name for name, p in parameters.items() if p.default is p.empty]
+    refuse_unknown(table, entries.table(table, value), list(parameters))
+    values = entries.table(table, value, needed)
+    readers = {n: _READERS.get(str(parameters[n].annotation)) for n in values}
+    # What has no reader was made before.
+    return make(**{n: r(f"{table} {n}", values[n]) if r else values[n] for n, r in readers.items()})
+
+
+def _pair(name: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return value
+    pair = entries.several(entries.finite)(name, value)
+    if len(pair) != 2:
+        raise ValueError(f"{name} = {list(pair)!r:.60} must be two numbers, along and across")
+    return pair
+
+
+_READERS: dict[str, entries.Reader] = {
+    **dict.fromkeys(("float", "int", "float | None"), entries.finite),
+    "tuple[float, float]": _pair,
+}

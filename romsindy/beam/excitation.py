@@ -206,14 +206,12 @@ class Excitation:
 
 
 def _as_forces(force: Any) -> tuple[PointForce, ...]:
-    several = isinstance(force, Sequence) and any(_is_force(f) for f in force)
+    several = isinstance(force, Sequence) and any(
+        isinstance(f, PointForce) or callable(f) for f in force
+    )
     return tuple(
         f if isinstance(f, PointForce) else PointForce(f) for f in (force if several else [force])
     )
-
-
-def _is_force(given: Any) -> bool:
-    return isinstance(given, PointForce) or callable(given)
 
 
 def _spline(name: str, times: ArrayLike, samples: ArrayLike) -> CubicSpline:

@@ -51,40 +51,9 @@ def simulate(
 ) -> Motion:
     """Let the beam go from `shape` and follow its motion, free or driven.
 
-    The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
-    the energy balance or Newton's method asks for it.  The first acceleration leaves out the
-    axial waves that the release starts if they are too fast for the sampling.
-
-    Parameters
-    ----------
-    assembly, equilibrium, shape : Assembly, Shape, Shape
-        The beam, where it rests (energies are counted from there) and where it is let go.
-    duration, step : float
-        Time to follow; sampling interval and longest time step, s.
-    energy_tolerance : float
-        How far kinetic + strain + potential + dissipated energy - work of the excitation may drift
-        over the whole motion, relative to the energy at release (zero from rest) + the largest
-        work so far.
-    modes, sensors : ModalBasis, SensorArray, optional
-        What to record (default: the first ten modes about the beam's own equilibrium).
-    keep_field : bool
-        Whether to keep every node's motion as well (20 kB per sample at 150 elements).
-    method : RadauIIA, optional
-        The collocation method (default: Radau IIA of order 5).
-    velocity : (n_nodes, 3) array, optional
-        Velocities at the start, m/s and rad/s (default: rest).
-    excitation : Excitation, optional
-        What drives it (default: nothing).
-    progress : bool
-        Whether to show a progress bar, on a terminal.
-
-    Raises
-    ------
-    ValueError
-        For a duration, step or tolerance that is not positive, a shape or a velocity of another
-        mesh, a velocity of what is held, or an excitation that is not finite all the time.
-    StepTooLongError
-        If Newton fails even in steps of step / 1024.
+    Energies are counted from the ``equilibrium``. The first acceleration leaves out the axial waves
+    that the release starts if they are too fast for the sampling. Other arguments, and errors, are
+    those of `Beam.simulate`; nothing drives it without an ``excitation``.
     """
     _check(assembly, shape, duration, step, energy_tolerance)
     v = _checked_velocity(assembly, velocity)

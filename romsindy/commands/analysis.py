@@ -17,7 +17,7 @@ from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import Butterworth
-from romsindy.regression.comparison import PAPER, WEIGHTED, compare_models
+from romsindy.regression.estimator import PAPER, WEIGHTED, compare_models
 from romsindy.regression.judged import Beside, Judged, judge
 from romsindy.show.identified import Identified
 from romsindy.text import bar

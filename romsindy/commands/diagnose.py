@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
-from romsindy.beam.beam_file import load_beam
+from romsindy.beam.beam import load_beam
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Selection, decays_in
 from romsindy.commands.options import (
@@ -316,7 +316,9 @@ def diagnose(
     elif simulated is not None:
         simulation = {"model": _series(simulated, reading["unit"], simulated_column)}
     elif model_file is not None:
-        simulation = {"model": _model(model_file)}
+        text = text_of(model_file)
+        with named(f"{model_file}"):
+            simulation = {"model": estimate_of(text) or model_of(text)}
         choice = choice._replace(coordinates=_equation(simulation["model"]).n_coordinates)
         if choice.coordinates > 1 and choice.isolates:
             raise click.UsageError("--mode and --band isolate one mode: the model is of several")
@@ -382,13 +384,6 @@ def _run(
             told = _on_command_line(str(error), names)
             a_deck = isinstance(given["model"], StructureSimulator)
             raise ValueError(told.replace("--simulator", "--deck") if a_deck else told) from error
-
-
-def _model(path: Path) -> Equations | Estimate:
-    """A model, with what is known of it if the file says so."""
-    text = text_of(path)
-    with named(f"{path}"):
-        return estimate_of(text) or model_of(text)
 
 
 def _repeats_in(files: Sequence[Path], beside: object) -> Tolerance:

@@ -10,7 +10,7 @@ import click
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from romsindy.beam.beam_file import load_beam
+from romsindy.beam.beam import load_beam
 from romsindy.effects import AirDrag
 from romsindy.orbits.curves import forced_response
 from romsindy.physics.model import ReducedModel

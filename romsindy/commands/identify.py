@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import USUAL, Asked, identified
-from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
 from romsindy.commands.measurement import Selection, inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import (
     FILE,
@@ -28,10 +27,10 @@ from romsindy.commands.options import (
     refuse_beside,
 )
 from romsindy.commands.outputs import WritingCommand
-from romsindy.commands.results import Result
+from romsindy.commands.results import FIGURE, SAVE, Result, Telling, answer_options
 from romsindy.fit.forced.identify import stiffness_to
 from romsindy.fit.kernel.collocation import TrajectoryError
-from romsindy.fit.results.held_out import HeldOut, without_end
+from romsindy.fit.results.fitted import HeldOut, without_end
 from romsindy.fit.verdict import CURVATURE
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together

@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import USUAL, Recipe, regressed
-from romsindy.commands.answers import FIGURE, Telling, answer_options
 from romsindy.commands.measurement import Selection, mode_options, of_one_mode
 from romsindy.commands.options import (
     FILE,
@@ -21,6 +20,7 @@ from romsindy.commands.options import (
     reading_options,
 )
 from romsindy.commands.outputs import WritingCommand
+from romsindy.commands.results import FIGURE, Telling, answer_options
 
 
 def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, ...] | None:

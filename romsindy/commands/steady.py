@@ -12,16 +12,15 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.measurement import of_file
 from romsindy.commands.options import FILE, fix_option
 from romsindy.commands.outputs import WritingCommand
-from romsindy.commands.results import Result
+from romsindy.commands.results import SAVE, Result, Telling, answer_options
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
 from romsindy.record.files.choose import conversion
 from romsindy.record.files.columns import Column
-from romsindy.record.files.kinds import reader_of
+from romsindy.record.files.load import reader_of
 from romsindy.record.recording import QUANTITIES, Quantity
 from romsindy.record.units import force_unit
 from romsindy.show.identified import Identified

@@ -16,13 +16,20 @@ from romsindy.diagnosis.evidence import (
     Weighed,
     said_elsewhere,
 )
-from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
+from romsindy.diagnosis.search import (
+    Finding,
+    Screened,
+    Screening,
+    Search,
+    leaders,
+    part_of,
+    rivals_of,
+    screen,
+)
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
-from romsindy.fit.adequacy.decays import examine
-from romsindy.fit.adequacy.verdicts import Adequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution

@@ -18,8 +18,12 @@ from romsindy.diagnosis.arguments import (
     decays_of,
     driven_of,
     forced_alone,
+    of_estimate,
+    of_references,
+    of_repeats,
     refuse_beside,
     shared_part,
+    stated,
 )
 from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR
@@ -41,7 +45,6 @@ from romsindy.diagnosis.residual_workflow import (
 from romsindy.diagnosis.residual_workflow import of_repeats as of_driven_repeats
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect

@@ -26,12 +26,12 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect
 from romsindy.effects.drive import InputDistortion
 from romsindy.effects.outside import Bias, Gain, SensorNonlinearity
-from romsindy.fit.adequacy.decays import examine_white
+from romsindy.fit.adequacy.verdicts import examine_white
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.part import Part, Solution, limits, moved_parts, prior_cost
 from romsindy.fit.process_noise import Departures, Marginal
-from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.coupled import free_offsets
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import KNOWN_CURVATURE, KNOWN_GAIN, NAMED_ABOVE, RARER
 from romsindy.physics.model import ReducedModel
@@ -71,11 +71,6 @@ class Worth(NamedTuple):
         for part, where in list(zip(parts, solution.slices(), strict=True))[n_free:]:
             price += _price_of(part, covariance[where, where], n_samples)
         return cls(misfit + rise, price, moved, parts, covariance)
-
-    @classmethod
-    def of_none(cls, solution: Solution) -> Worth:
-        """Of a fit that has no motion."""
-        return cls(np.inf, 0.0, (), solution.parts, solution.covariance)
 
 
 def _price_of_unsure(
@@ -448,7 +443,7 @@ class Hypothesis:
     @cached_property
     def _worth(self) -> Worth:
         if self.weighed is None:
-            return Worth.of_none(self.solution)
+            return Worth(np.inf, 0.0, (), self.solution.parts, self.solution.covariance)
         solved = self.weighed.solved(self.solution, self.noise)
         n_unsure = self.n_free if self.n_unsure is None else self.n_unsure
         return Worth.of(self.solution, solved, n_unsure, self.n_free, self.n_samples)

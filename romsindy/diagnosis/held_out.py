@@ -19,8 +19,7 @@ import numpy as np
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import misfit_of
-from romsindy.diagnosis.noise_of_best import driven_instead
-from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.residual_search import ResidualSearch, driven_instead
 from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution

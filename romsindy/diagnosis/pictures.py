@@ -23,7 +23,7 @@ from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
-from romsindy.show import diagnosis_plots as show
+from romsindy.show import compared as show
 from romsindy.show.axes import Fact, with_unit
 from romsindy.show.page import Picture
 from romsindy.text import left_over, percent

@@ -16,9 +16,8 @@ from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
 from romsindy.diagnosis.held_out import followed, left_of
-from romsindy.diagnosis.noise_of_best import driven_instead
 from romsindy.diagnosis.report import Explained
-from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.residual_search import ResidualSearch, driven_instead
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
@@ -244,7 +243,7 @@ class ResidualReport(Explained):
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name: "time" and "spectrum", of the record of which most is left."""
-        from romsindy.show import diagnosis_plots as show  # draws: only where a picture is asked
+        from romsindy.show import compared as show  # draws: only where a picture is asked
         from romsindy.show.page import Picture
 
         worst = int(np.argmax([np.std(e) for e in self.gap.residuals_after]))

@@ -22,16 +22,16 @@ from romsindy.diagnosis.arguments import (
     check_repeats,
     check_request,
     checked_driven,
+    linear_values_within,
+    of_driven_repeats,
     reduced,
 )
 from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
-from romsindy.diagnosis.noise_of_best import NoiseOfBest
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport, report_of
-from romsindy.diagnosis.residual_search import ResidualSearch
-from romsindy.diagnosis.search import Options, smooth_model, unsure_parts
-from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
+from romsindy.diagnosis.residual_search import NoiseOfBest, ResidualSearch
+from romsindy.diagnosis.search import Options, smooth_model, sought_beside, unsure_parts
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
@@ -45,12 +45,17 @@ from romsindy.effects.drive import (
 from romsindy.fit.adequacy.independence import examine_decays
 from romsindy.fit.forced.drives import drives_of, freed, inputs_in, latest, regressed
 from romsindy.fit.kernel.hypothesis import smoothed
-from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, in_place
+from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part
 from romsindy.fit.records.arguments import small_frequencies
-from romsindy.fit.records.between_samples import rated, ways
-from romsindy.fit.records.coupled import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.records.coupled import (
+    CoupledRecord,
+    ModeShape,
+    coupled_records,
+    free_offsets,
+    free_shapes,
+)
 from romsindy.fit.records.driven import ForcedRecord
-from romsindy.fit.records.mode_shape import ModeShape, free_offsets
+from romsindy.fit.records.smooth import rated, ways
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel
@@ -141,15 +146,13 @@ def catalogue_of(
     catalogue: Sequence[Effect],
 ) -> tuple[Effect, ...]:
     """What can be looked for in these records, and what may be wrong with the inputs."""
-    taken = {p.effect.name for p in unsure}
-    sought = [e for e in looked_for(catalogue, "driven") if e.name not in taken]
-    known = [c for c in in_place(model, sought) if c.of.key not in tolerances]
+    sought = sought_beside(unsure, model, looked_for(catalogue, "driven"), tolerances)
     inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
     plain = [(t, late) for t, late in inputs if t.power == 1]
     powers = [(replace(t, power=power), late) for t, late in plain for power in _POWERS]
     distorted = [InputDistortion(*p) for p in powers if p[0].key not in model.coefficients]
     gains = [InputGain(*given) for given in inputs]
-    return (*sought, *known, *gains, *distorted)
+    return (*sought, *gains, *distorted)
 
 
 def search_beside_inputs(
@@ -325,17 +328,15 @@ def _sought(
     tolerances: Mapping[str, float],
 ) -> list[Effect]:
     """Effects on every coordinate, couplings, and too much of what the model has already."""
-    taken = {p.effect.name for p in unsure}
     forces = [e for e in catalogue if not (isinstance(e, ReadingEffect) or e.per_record)]
     on = [OnCoordinate(e, i, own) for e in forces for i, own in enumerate(scales, 1)]
-    on = [e for e in on if e.name not in taken]
-    known = [c for c in in_place(model, on) if c.of.key not in tolerances]
+    alike = sought_beside(unsure, model, on, tolerances)
     n = model.n_coordinates
     alone = candidates(n, Kind(coupled=False))
     missing = [t for t in candidates(n, Kind()) if t not in alone]
     own = [t for t in model.terms if not isinstance(t, Along) and t not in alone]
     couplings = {t.key: t for t in (*own, *missing) if t.key not in tolerances}
-    return [*on, *known, *(Coupling(t, f"coupling {key}") for key, t in couplings.items())]
+    return [*alike, *(Coupling(t, f"coupling {key}") for key, t in couplings.items())]
 
 
 def _scales_of_each(model: CoupledModel, records: Sequence[CoupledRecord]) -> list[Scales]:

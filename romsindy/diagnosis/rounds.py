@@ -15,7 +15,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
-from romsindy.diagnosis.family import family_of
+from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of
@@ -170,13 +170,13 @@ class Rounds:
         beside it. What the measurement adds needs no check.
         """
         own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
-        if len(self.structure.with_effects(own)) == len(own):
+        if self.can_have(own):
             return report
         there = (
             h
             for r in reversed(self.looked)
             for h in r.compared
-            if h.effects and len(self.structure.with_effects(h.effects)) == len(h.effects)
+            if h.effects and self.can_have(h.effects)
         )
         nearest = next(there, None)
         return report if nearest is None else undecided(report, {names_of(nearest): nearest})
@@ -227,10 +227,14 @@ class Rounds:
         known = chosen, self.form, False, {**self.elsewhere, **counts}
         return self.look(self.model, training, test, self.unsure, {}, *known)
 
+    def can_have(self, parts: Sequence[Part]) -> bool:
+        """Whether the structure can be simulated with all of these effects."""
+        return len(self.structure.with_effects(parts)) == len(parts)
+
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
         """The best, or the first that is nearly as good and whose effects can all be simulated."""
         for rival in report.rivals:
-            if len(self.structure.with_effects(rival.effects)) == len(rival.effects):
+            if self.can_have(rival.effects):
                 return rival
         return next(iter(self.near(report, 1)), report.best)
 
@@ -260,10 +264,9 @@ class Rounds:
         without = self.elsewhere.get(frozenset(), 0.0)
         found: dict[Names, Hypothesis] = {}
         for h in (best, *report.rivals, *report.compared):
-            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
             as_few = 0 < len(h.effects) <= len(best.effects)
             heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
-            if h.score < best.score + _NEAR * gap and as_few and there and heard:
+            if h.score < best.score + _NEAR * gap and as_few and self.can_have(h.effects) and heard:
                 found.setdefault(names_of(h), h)
         for names, h in self.doubtful.items():
             found.setdefault(names, h)

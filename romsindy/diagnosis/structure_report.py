@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.family import EffectFamily
-from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.found import EffectFamily, FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
-from romsindy.diagnosis.report import in_json
+from romsindy.diagnosis.report import Written, in_json
 from romsindy.diagnosis.structure import SensorError
-from romsindy.diagnosis.written import Written
 from romsindy.fit.kernel.part import Part
 from romsindy.text import TextTable
 

@@ -57,10 +57,6 @@ class Explanation:
         """Whether noise is left alone, of what was fitted and of what took no part."""
         return self.left.explained and self.gap.after <= PREDICTED
 
-    def needs_fewer(self, other: Explanation) -> bool:
-        """Whether it says fewer things than another one has effects."""
-        return len(self.hypothesis.said) < len(other.hypothesis.effects)
-
     def leaves(self, tolerance: Tolerance, form: FormError) -> Left:
         """What it leaves; see `left_over`."""
         whole = self.whole.differences_after
@@ -151,14 +147,22 @@ class Rule:
         likeliest = min(values, key=lambda found: found.hypothesis.score)
         enough = [v for v in values if self._enough(v) and not self._refuted(v, effect)]
         plain = min(enough, key=_plainest, default=likeliest)
-        moved = bool(enough) and self._moved(plain)
+        sure = bool(enough and plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
+        moved = sure and self._matters(plain)
         # Beside values that moved and are enough, several effects are no headline.
-        plainer = effect is not None and not (moved and plain.needs_fewer(effect))
+        plainer = effect is not None and not (
+            moved and len(plain.hypothesis.said) < len(effect.hypothesis.effects)
+        )
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             if self.exact or not small:
                 return Answer("named", effect, small=small)
-        seen_through = effect is not None and self._sees_through(plain, likeliest, effect)
+        # One that is distinctly likelier says that more than a tolerance is left.
+        seen_through = (
+            effect is not None
+            and self._likelier(effect, likeliest, EQUIVALENT)
+            and effect.differs(plain, self.tolerance)
+        )
         if enough and not seen_through:
             if not moved:
                 return Answer("none", plain)
@@ -180,11 +184,6 @@ class Rule:
         more = nearest.leaves(self.tolerance, self.form) == "effect"
         return Answer("unknown" if self._surely_beyond or more else "none", nearest)
 
-    def _moved(self, plain: Explanation) -> bool:
-        """Whether values are surely others, and it matters."""
-        sure = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
-        return sure and self._matters(plain)
-
     @property
     def _surely_beyond(self) -> bool:
         return any(d.exceeds(self.tolerance) for d in self.as_it_was.differences_before)
@@ -201,13 +200,6 @@ class Rule:
         if effect is None or plain.hypothesis.misfit_elsewhere <= EQUIVALENT:
             return False
         return self._likelier(effect, plain, EQUIVALENT)
-
-    def _sees_through(
-        self, plain: Explanation, likeliest: Explanation, effect: Explanation
-    ) -> bool:
-        """Whether an effect that is distinctly likelier says that more than a tolerance is left."""
-        likelier = self._likelier(effect, likeliest, EQUIVALENT)
-        return likelier and effect.differs(plain, self.tolerance)
 
     def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
         """Whether an effect explains, and is likelier than what needs none."""

@@ -36,7 +36,8 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, shown: S
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
     worst = differences[which].worst(tolerance)
-    over = _over(worst, shown) + (f" in {differences[which].name}" if len(differences) > 1 else "")
+    over = f"over {shown.told(*worst.amplitude)}"
+    over += f" in {differences[which].name}" if len(differences) > 1 else ""
     if worst.apart:
         if differences[which].exceeds(tolerance):
             return (
@@ -70,10 +71,6 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, shown: S
 def single_swings(log_odds: float) -> str:
     """What is sure although no span of cycles is."""
     return f" Single swings differ ({_odds(log_odds)} against no difference)."
-
-
-def _over(found: Difference, shown: Shown) -> str:
-    return f"over {shown.told(*found.amplitude)}"
 
 
 def _sizes(found: Difference, kinds: Sequence[str]) -> str:

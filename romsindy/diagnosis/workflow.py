@@ -15,12 +15,14 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nu
 from romsindy.diagnosis.gap import HELD_OUT, Gap, follow, misfit_of, motions_of, name_of, predict
 from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.screening import part_of, screen
 from romsindy.diagnosis.search import (
     Finding,
     Options,
+    part_of,
     rivals_of,
+    screen,
     smooth_model,
+    sought_beside,
     unsure_parts,
     with_textbook_exponent,
     with_whole_exponent,
@@ -28,7 +30,7 @@ from romsindy.diagnosis.search import (
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.kernel.part import Coefficient, Part, extended, in_place
+from romsindy.fit.kernel.part import Coefficient, Part, extended
 from romsindy.fit.records.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import AS_WELL, NEARLY_WHOLE, NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
 from romsindy.physics.equations import inputs_of
@@ -59,7 +61,7 @@ def diagnose_model(
     whole = tuple(predict(model, (), r, name) for name, r in records.whole.items())
     as_it_was = Gap(whole, unseen=True)
     parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
-    sought = _sought(model, options.catalogue, parts, tolerances)
+    sought = sought_beside(parts, model, options.catalogue, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
     usual = over_all(options.tolerance, as_it_was.differences_before)
     search = DecaySearch(*given, ProcessNoise(form, elsewhere or {}, _least_changes(model, usual)))
@@ -126,19 +128,6 @@ class _Records:
     def compared(self) -> dict[str, Record]:
         """That on which explanations are compared: what took no part, if there is such."""
         return self.tests or {name_of(i): record for i, record in enumerate(self.learning)}
-
-
-def _sought(
-    model: ReducedModel,
-    catalogue: Sequence[Effect],
-    unsure: Sequence[Part],
-    tolerances: Mapping[str, float],
-) -> tuple[Effect, ...]:
-    """What is looked for: effects that are not among the unsure values, and too much of a term."""
-    names = {p.effect.name for p in unsure}
-    effects = [e for e in catalogue if e.name not in names]
-    known = [c for c in in_place(model, effects) if c.of.key not in tolerances]
-    return (*effects, *known)
 
 
 def _validated(

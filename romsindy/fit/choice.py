@@ -24,10 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.hypothesis import inverse, solved
 from romsindy.fit.kernel.linear_response import nodes
-from romsindy.fit.kernel.normal_equations import inverse, solved
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.mode_shape import CurvedShape
+from romsindy.fit.records.coupled import CurvedShape
 from romsindy.fit.verdict import HARDLY_TOLD, NEGATIVE, REFUSED, TERM
 from romsindy.physics.term import Term
 from romsindy.typing import Array, Indices

@@ -35,8 +35,8 @@ from scipy.stats import t
 
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.hypothesis import NormalEquations
+from romsindy.fit.kernel.linear_response import Response, respond, sampled
 from romsindy.fit.kernel.part import Part, columns_of, held_values, limits, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT
@@ -133,7 +133,7 @@ class Windows:
         """
         equation = equation_of(model, parts, i, record)
         with np.errstate(all="ignore"):
-            response = respond(equation, m, equation.by_parameter(*nodes(m)))
+            response = respond(equation, m)
             distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
         steps = record.window_steps
         starts = steps[:-1]

@@ -3,30 +3,37 @@
 Regression takes noisy displacements as its regressors, and noise there biases what it finds. Here
 all noise is on one side: that of the measurement. The fit starts from the measured motion, smoothed
 (`romsindy.fit.kernel.gauss_newton`), so that the phase is never a cycle off, and ends with exact
-motions (`romsindy.fit.kernel.shooting`).
+motions (`romsindy.fit.kernel.shooting`). Its errors are checked by a parametric bootstrap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, cast
+
+import numpy as np
+from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
 
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.kernel.part import LINEAR, Part
+from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.hypothesis import with_memories
+from romsindy.fit.kernel.part import LINEAR, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.kernel.shooting import LOSSES
+from romsindy.fit.kernel.shooting import LOSSES, shoot
 from romsindy.fit.records.arguments import (
     free_names,
     listed_records,
+    prepared,
+    ready,
     require_known,
     require_unit,
     several_decays,
     small_frequencies,
 )
-from romsindy.fit.records.coupled import coupled_records, free_shapes
-from romsindy.fit.records.measured import prepared, ready
-from romsindy.fit.records.mode_shape import free_offsets
+from romsindy.fit.records.coupled import coupled_records, free_offsets, free_shapes
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of
@@ -38,6 +45,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
+from romsindy.typing import Array
 
 
 def refine(
@@ -151,3 +159,111 @@ def _seen(
     require_unit(decays, model.unit)
     several = coupled_records([d.free() for d in decays], small_frequencies(model), NUMERICS)
     return several, free_shapes(several)
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Fits to simulated measurements.
+
+    Attributes
+    ----------
+    free : tuple of str
+        Names of the coefficients.
+    values : (n, n_free) array
+        Coefficients of every repetition.
+    failed : int
+        Repetitions whose fit could not be simulated to its end; they are not in ``values``.
+    """
+
+    free: tuple[str, ...]
+    values: Array
+    failed: int
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coefficients, (n_free, n_free)."""
+        return np.atleast_2d(np.cov(self.values, rowvar=False))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard deviation of every coefficient, by name."""
+        return dict(zip(self.free, np.std(self.values, axis=0, ddof=1).tolist(), strict=True))
+
+    def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Quantiles that hold the stated part of the repetitions, by name."""
+        edges = np.quantile(self.values, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        return {n: (float(a), float(b)) for n, a, b in zip(self.free, *edges, strict=True)}
+
+
+def bootstrap(
+    fit: Fit,
+    repetitions: int = 100,
+    *,
+    seed: int = 0,
+    n_jobs: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Bootstrap:
+    """Simulate the fitted model, add noise as loud and as coloured as found, and fit again.
+
+    Parameters
+    ----------
+    fit : Fit
+        Result of `romsindy.fit.refine`.
+    repetitions : int
+        At least 2.
+    seed : int
+        Of the noise: the same seed gives the same numbers, whatever ``n_jobs``.
+    n_jobs : int, optional
+        Processes, as in joblib; -1 for all cores.
+    progress : callable, optional
+        Called with the number of repetitions done.
+
+    Returns
+    -------
+    Bootstrap
+
+    Raises
+    ------
+    ValueError
+        If fewer than two repetitions are asked for, or fewer than two succeed.
+
+    Examples
+    --------
+    >>> from romsindy import ReducedModel, add_noise, refine
+    >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
+    >>> decay = add_noise(model.simulate(1.0, 0.0, np.arange(0.0, 10.0, 0.05)), 40, seed=0)
+    >>> repeats = bootstrap(refine(model, decay), repetitions=4)
+    >>> f"{repeats.standard_errors['c_linear']:.4f} 1/s"
+    '0.0004 1/s'
+    """
+    if repetitions < 2:
+        raise ValueError(f"repetitions = {repetitions!r} must be at least 2 (100: errors to 7 %)")
+    tasks = (delayed(_repeat)(fit, s) for s in np.random.SeedSequence(seed).spawn(repetitions))
+    results = []
+    for values in Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
+        results.append(values)
+        if progress:
+            progress(len(results))
+    good = [values for values in results if values is not None]
+    if len(good) < 2:
+        raise ValueError(
+            f"only {len(good)} of {repetitions} repetitions could be fitted: the model comes close"
+            " to singular inertia, use fewer terms"
+        )
+    return Bootstrap(fit.free, np.array(good), repetitions - len(good))
+
+
+def _repeat(fit: Fit, seed: np.random.SeedSequence) -> Array | None:
+    rng = np.random.default_rng(seed)
+    records = [
+        r.with_signal(r.signal - e + r.drawn(rng))
+        for r, e in zip(fit.records, fit.residuals, strict=True)
+    ]
+    parts, motions = fit.solution.parts, fit.solution.motions
+    try:
+        with threadpool_limits(limits=1, user_api="blas"):
+            again = shoot(fit.start, parts, records, motions)[0]
+    except TrajectoryError:
+        return None
+    values = with_memories(extended(fit.start, again.parts), again.parts).coefficients
+    return np.array([values[name] for name in fit.free])

@@ -5,7 +5,7 @@ Numbers that only steer computations (steps, iterations, starting values) stay w
 
 from __future__ import annotations
 
-# -- does a model explain its data? (`romsindy.fit.adequacy.decays`) -------------------------------
+# -- does a model explain its data? (`romsindy.fit.adequacy.verdicts`) -----------------------------
 
 # A right model is said to leave what repeats with the vibration this often (F test).
 FALSE_ALARM = 0.01
@@ -63,7 +63,7 @@ REFUSED = 5.0
 # somewhere, for its terms to be refused: noise alone makes it so where it is nearly none.
 NEGATIVE = 3.0
 
-# -- what does an input do between its samples? (`romsindy.fit.records.between_samples`) ----------
+# -- what does an input do between its samples? (`romsindy.fit.records.smooth`) ----------
 
 # A way must leave this part of the power less than another one: less may be the form of the model.
 FORM = 0.003

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.inspection import tables
-from romsindy.inspection.findings import ChannelNoise, Findings
-from romsindy.inspection.modes import Mode
+from romsindy.inspection.findings import ChannelNoise, Findings, Mode
 from romsindy.notebook import shown
 from romsindy.physics.term_sum import json_text
 from romsindy.record.decay import Decay
@@ -189,7 +188,7 @@ def inspect(
     cleaned, defects = clean(recording)
     if recording.driven:  # what answers a drive of any spectrum is no noise
         defects = tuple(d for d in defects if d.kind != "coloured noise")
-    name = channel or _liveliest(cleaned)
+    name = channel or cleaned.names[int(np.argmax(np.nan_to_num(np.nanstd(cleaned.x, axis=0))))]
     cleaned.channel(name)  # refuses one that does not exist
     releases, discarded = _parts(cleaned)
     derivative = QUANTITIES.index(recording.quantity)
@@ -213,11 +212,6 @@ def _parts(recording: Recording) -> tuple[tuple[Release, ...], tuple[Discarded, 
     names = listed([str(drive) for drive in recording.drives if drive.lasting])
     reason = f"driven by the {names}"
     return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), reason),)
-
-
-def _liveliest(recording: Recording) -> str:
-    """The channel that varies most; the first one where nothing was sampled."""
-    return recording.names[int(np.argmax(np.nan_to_num(np.nanstd(recording.x, axis=0))))]
 
 
 def _noise(recording: Recording, release: Release | None) -> ChannelNoise:

@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from romsindy.inspection.findings import Findings
-from romsindy.inspection.modes import Mode
+from romsindy.inspection.findings import Findings, Mode
 from romsindy.record.forced import input_names
 from romsindy.text import TextTable, aligned, as_options, listed, quantity, span
 

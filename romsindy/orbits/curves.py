@@ -1,7 +1,7 @@
 """Periodic orbits of a model: backbone curves and forced responses with stability.
 
-Orbits are Fourier series (`harmonic_balance`), and families of them (`families`) are followed as
-branches (`continuation`): nothing is integrated in time.
+Orbits are Fourier series, and families of them (`harmonic_balance`) are followed as branches
+(`continuation`): nothing is integrated in time.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from romsindy.notebook import Framed
 from romsindy.orbits.continuation import ContinuationError, Steps
-from romsindy.orbits.families import (
+from romsindy.orbits.harmonic_balance import (
     LADDER,
     Family,
     ForcedFamily,
     FreeFamily,
+    HarmonicBalance,
     OrbitBranch,
     Start,
     Sweep,
+    floquet_multipliers,
     follow,
+    free_multipliers,
 )
-from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers, free_multipliers
 from romsindy.physics.equations import Equations, gain_of
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
@@ -332,12 +334,14 @@ def backbone_curve(
     # The branch is one unit long in p, and as much in shape and frequency.
     steps = _steps(n_points, 2.0)
     first = low / high
-    start = _small(shape / shape[coordinate], 1e-3 * first)
+    still = np.zeros_like(shape)  # a vibration in the linear mode, from rest
+    unknowns = np.concatenate([still, shape / shape[coordinate], still, [1.0, 0.0]])
+    start = Start(unknowns, 1e-3 * first)
     failure = f"no orbit of amplitude {low:g} is reached from the linear mode: give a smaller one"
     led, ends = partial(family, True), (first, 1.0)
     if len(shape) > 1:  # a branch may pass through zero, but not start there
         start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
-        start = _unscaled(start)
+        start = Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)  # not from rest
         led, ends = partial(family, False), (-1.0, 1.0)
         steps = replace(steps, crossing=_CROSSING * steps.most)
     start = _led(led, ladder, start, (-first, first), steps, failure)
@@ -548,17 +552,6 @@ def require_mode(number: int, model: Equations) -> None:
         several = f"the modes 1 to {count}: give one of them"
         one = "a model of one coordinate: give 1, or a CoupledModel"
         raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
-
-
-def _small(shape: Array, p: float) -> Start:
-    """A vibration in a linear mode, as unknowns of a `FreeFamily` from rest."""
-    still = np.zeros_like(shape)
-    return Start(np.concatenate([still, shape, still, [1.0, 0.0]]), p)
-
-
-def _unscaled(start: Start) -> Start:
-    """The same orbit for a `FreeFamily` that is not from rest."""
-    return Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
 
 
 def frequency_range(frequency: Any) -> tuple[float, float]:

@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from romsindy.orbits.curves import BackboneCurve, backbone_curve, linear_mode, peak_phase
-from romsindy.orbits.families import FreeFamily
-from romsindy.orbits.harmonic_balance import FourierBasis, HarmonicBalance
+from romsindy.orbits.harmonic_balance import FourierBasis, FreeFamily, HarmonicBalance
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 

@@ -284,7 +284,9 @@ class Decay(Measurement):
 
     def upsampled(self, samples_per_cycle: int = SAMPLES_PER_CYCLE) -> Decay:
         """At least this many samples a cycle, by band-limited interpolation."""
-        per_cycle = 1 / (fundamental_frequency(self._strongest(), self.dt) * self.dt)
+        x = self.signal  # what was measured: integration colours the noise
+        liveliest = x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
+        per_cycle = 1 / (fundamental_frequency(liveliest, self.dt) * self.dt)
         factor = int(np.ceil(samples_per_cycle / per_cycle))
         if factor <= 1:
             return self
@@ -320,11 +322,6 @@ class Decay(Measurement):
         """
         done = self.stage == "conditioned"
         return self if done else self.free().upsampled().differentiated(method)
-
-    def _strongest(self) -> Array:
-        # What was measured, in the liveliest channel: integration colours the noise.
-        x = self.signal
-        return x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
 
     def _mapped(
         self, change: Callable[[Array], Array], t: Array | None = None, notes: tuple[str, ...] = ()

@@ -141,11 +141,6 @@ def of_steps(
         for node, weight in zip(*_PIECE, strict=True):
             place = left + width * node
             parabolas = np.vander((place - start) / length, 3, increasing=True) @ lagrange
-            value = values(_inside(place, left, width))
+            value = values(np.where(width > 1e-9, place, left))  # of no width: wherever
             found += parabolas * (weight * width / length * value)[:, None]
     return found / weights
-
-
-def _inside(place: Array, left: Array, width: Array) -> Array:
-    """Places in pieces between samples; in an empty one, where it is does not matter."""
-    return np.where(width > 1e-9, place, left)

@@ -300,30 +300,21 @@ class Measurement(ABC):
 
 
 class Given(NamedTuple):
-    """What an argument holds that takes one record or several."""
+    """What an argument holds that takes one record or several, in their order."""
 
-    several: list[Any]  # in their order
+    several: list[Any]
+    decays: list[Any]  # records that nothing drives
+    driven: list[Any]  # those with inputs
+    others: list[Any]  # what is no record of one motion
 
     @classmethod
     def of(cls, argument: Any) -> Given:
         """A record by itself, or those of a list."""
         many = isinstance(argument, (list, tuple, Iterator))
-        return cls(list(argument) if many else [argument])
-
-    @property
-    def decays(self) -> list[Any]:
-        """Records that nothing drives."""
-        return [r for r in self.several if isinstance(r, Measurement) and not r.driven]
-
-    @property
-    def driven(self) -> list[Any]:
-        """Those with inputs."""
-        return [r for r in self.several if isinstance(r, Measurement) and r.driven]
-
-    @property
-    def others(self) -> list[Any]:
-        """What is no record of one motion."""
-        return [r for r in self.several if not isinstance(r, Measurement)]
+        several = list(argument) if many else [argument]
+        own = [r for r in several if isinstance(r, Measurement)]
+        decays, driven = ([r for r in own if r.driven == moved] for moved in (False, True))
+        return cls(several, decays, driven, [r for r in several if not isinstance(r, Measurement)])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

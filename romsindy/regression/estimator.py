@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.base import BaseEstimator
+import pysindy as ps
+from pysindy.optimizers.base import BaseOptimizer
+from sklearn.base import BaseEstimator, clone
+from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
@@ -17,22 +20,136 @@ from romsindy.fit.records.arguments import require_unit, several_decays
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import term_from_key
+from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given, Measurement, as_floats, as_seconds
 from romsindy.record.smoothing import Filter
+from romsindy.regression.judged import Judged, errors_beside
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
 from romsindy.regression.projection import HarmonicProjection, HarmonicRows
-from romsindy.regression.scaled_optimizer import ScaledOptimizer, fixed_columns, refuse_absurd
-from romsindy.regression.window_motion import WindowRows
 from romsindy.regression.windows import (
     WindowProjection,
+    WindowRows,
     regressed,
     regressed_forced,
     rows_of,
     rows_of_forced,
 )
 from romsindy.typing import Array
+
+# Drops terms below 1e-4 of the target: lightly damped modes keep their damping.
+_DEFAULT_OPTIMIZER = ps.STLSQ(threshold=1e-4, alpha=1e-12)
+
+
+class ScaledOptimizer(BaseOptimizer):
+    """Any PySINDy optimizer or scikit-learn linear model on columns of equal size.
+
+    Columns and target are divided by their rms (eq. 19 of the method's paper), and coefficients
+    scaled back. A threshold then means a relative contribution, ``|c| rms(theta) / rms(target)``,
+    whatever the units and the number of rows.
+
+    Parameters
+    ----------
+    optimizer : estimator, optional
+        `pysindy.STLSQ(threshold=1e-4, alpha=1e-12)` by default. It is cloned. Models of
+        scikit-learn are fitted without intercept.
+    fixed : mapping of int to float, optional
+        Columns whose coefficients are known.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).normal(size=(100, 2)) * [1.0, 1e6]
+    >>> ScaledOptimizer().fit(x, x @ [[3.0], [2e-6]]).coef_.round(9).tolist()
+    [[3.0, 2e-06]]
+    """
+
+    def __init__(self, optimizer: Any = None, fixed: Mapping[int, float] | None = None):
+        # The optimizer inside removes its own bias; doing so here would free what is fixed.
+        super().__init__(unbias=False)
+        self.optimizer = optimizer
+        self.fixed = fixed
+
+    def set_params(self, **params: Any) -> ScaledOptimizer:
+        """Set parameters and return self, which PySINDy's base class does not."""
+        super().set_params(**params)
+        return self
+
+    def _reduce(self, x: Array, y: Array) -> None:
+        fixed = dict(self.fixed or {})
+        free = [j for j in range(x.shape[1]) if j not in fixed]
+        coefficients = np.zeros((y.shape[1], x.shape[1]))
+        coefficients[:, list(fixed)] = list(fixed.values())
+        column_scale, target_scale = rms(x[:, free]), rms(y)
+        if free:
+            inner = clone(self.optimizer or _DEFAULT_OPTIMIZER)
+            if "fit_intercept" in inner.get_params():
+                inner.set_params(fit_intercept=False)
+            rest = (y - x[:, list(fixed)] @ coefficients[:, list(fixed)].T) / target_scale
+            # Some models of scikit-learn warn about, or refuse, a single target as a column.
+            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
+            scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
+            coefficients[:, free] = scaled * target_scale[:, None] / column_scale
+        self.coef_ = coefficients
+        self.history_.append(coefficients)
+
+
+def rms(x: Array) -> Array:
+    """Of the columns of x; 1 where a column is 0."""
+    found = np.sqrt(np.mean(np.square(x), axis=0))
+    return np.where(found > 0, found, 1.0)
+
+
+# A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
+_ABSURD = 10.0
+
+
+def fixed_columns(
+    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
+) -> dict[int, float]:
+    """Column number to value, after checks of the names."""
+    keys = [term.key for term in terms]
+    columns = {}
+    for key, value in fixed.items():
+        if key not in keys:
+            term_from_key(key)  # a name that is no law at all is refused with the nearest one
+            raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
+        term = terms[keys.index(key)]
+        if not np.isfinite(value):
+            raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
+        if term.dimension[0] != 1 and not unit_known:
+            raise ValueError(
+                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
+                " q is not known: load the decay with unit=, such as unit='mm'"
+            )
+        columns[keys.index(key)] = float(value)
+    return columns
+
+
+def refuse_absurd(
+    fixed: Mapping[int, float], terms: Sequence[Term], rows: HarmonicRows | WindowRows
+) -> None:
+    """Known coefficients in other units than the data stand out by orders of magnitude."""
+    target = float(rms(rows.target[:, None])[0])
+    for column, value in fixed.items():
+        share = abs(value) * float(rms(rows.theta[:, [column]])[0]) / target
+        term = terms[column]
+        if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
+            raise ValueError(
+                f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
+                f" omega^2 = {abs(value) / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
+                " and t must be in s (a factor of 1e6 means milliseconds)"
+            )
+        if share > _ABSURD:
+            length = term.dimension[0] - 1
+            factor = share ** (1 / length) if length else share
+            raise ValueError(
+                f"fixed[{term.key!r}] = {value:.6g} makes its term {share:.3g} times the"
+                f" acceleration: q and the coefficient have different units, q seems {factor:.2g}"
+                " times too large (1000 means millimetres); load the decay with unit='mm', or"
+                " convert the coefficient"
+            )
 
 
 @dataclass(eq=False, repr=False)
@@ -365,3 +482,60 @@ def _hint_scale(decays: Sequence[Decay]) -> None:
             " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
             stacklevel=3,
         )
+
+
+# Regression as in the paper: terms projected as they stand on harmonics 0 to 5, least squares.
+PAPER = HarmonicSINDy(
+    optimizer=LinearRegression(),
+    projection=HarmonicProjection(tuple(range(6)), form="strong"),
+    weighted=False,
+)
+# This package's own: weak form, harmonics 0 to 3, rows weighted by the noise expected in them.
+WEIGHTED = HarmonicSINDy(projection=HarmonicProjection())
+
+
+def regress(
+    name: str,
+    library: Any,
+    decay: Decay | Sequence[Decay],
+    backbone: Backbone,
+    recipe: HarmonicSINDy = PAPER,
+    fixed: Mapping[str, float] | None = None,
+) -> Judged:
+    """Identify one model by regression and hold its backbone against the extracted one.
+
+    Decays have derivatives; the ``recipe`` says how to regress, and is not changed; coefficients
+    that are ``fixed`` are known. Errors are those of `HarmonicSINDy.fit`.
+    """
+    estimator = clone(recipe).set_params(library=library, fixed=dict(fixed or {})).fit(decay)
+    model = estimator.model_
+    return Judged(name, model, *errors_beside(model, backbone), tuple(fixed or ()), {}, estimator)
+
+
+def compare_models(
+    decay: Decay | Sequence[Decay],
+    backbone: Backbone,
+    order: int = 5,
+    damping: Sequence[str] = ("linear",),
+    fixed: Mapping[str, float] | None = None,
+    recipe: HarmonicSINDy = PAPER,
+) -> Iterator[Judged]:
+    """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
+
+    The decays have derivatives, so that all models see the same signals, and the backbone was read
+    off them. Stiffness and inertia go to the ``order``, at least 3; all models have these kinds of
+    ``damping``. A fixed linear frequency is the "omega^2" of ``fixed``, or else the one that the
+    backbone tends to at small amplitude. The ``recipe`` is `PAPER` or `WEIGHTED`, with other
+    harmonics or amplitudes where asked for.
+
+    Raises a ValueError if the order is below 3; and as `HarmonicSINDy.fit`.
+    """
+    if order < 3:
+        raise ValueError(f"order = {order!r} must be at least 3, the lowest with inertia terms")
+    fixed = dict(fixed or {})
+    omega2 = fixed.pop("omega^2", backbone.linear_frequency() ** 2)
+    for name, inertia in (("stiffness", ()), ("IC-ROM", tuple(range(3, order + 1)))):
+        library = ROMLibrary(inertia, tuple(range(1, order + 1)), tuple(damping))
+        known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
+        for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
+            yield regress(name + suffix, library, decay, backbone, recipe, values)

@@ -1,4 +1,4 @@
-"""Figures of measured channels: over time beside simulations, and the spectrum of what is left."""
+"""Figures of measured channels, over time and of what is left, and of a diagnosis: from arrays."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from romsindy.record.backbone import Backbone
 from romsindy.record.noise import Noise
 from romsindy.record.recording import unit_of
-from romsindy.show.axes import with_unit
+from romsindy.show.axes import Fact, log_ratio, of_cycles, tell, with_unit
 from romsindy.typing import Array
 
 COLORS = ("C3", "C0")  # before and after; of one simulation alone the last
@@ -77,6 +78,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
         np.concatenate([x.reshape(-1, len(d.t)) for x, d in zip(several, decays, strict=True)], 1)
         for several in ([r.signal for r, _ in pairs], [residual for _, residual in pairs])
     )
+    motions = [record.motion for record, _ in pairs]
     return [
         Compared(
             np.concatenate([d.t for d in decays]),
@@ -86,7 +88,8 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             unit_of(decays[0].measured, decays[0].unit),
             own,
             _inputs(decays) if first.driven else {},
-            min(float(_rate(record.motion)) for record, _ in pairs),
+            # Rms velocity over rms displacement of the slowest coordinate
+            min(float(np.min(np.std(m.q_dot, axis=0) / np.std(m.q, axis=0))) for m in motions),
         )
         for x, rest, own in zip(measured, left, first.noises, strict=True)
     ]
@@ -105,11 +108,6 @@ def held_out_of(vibration: Any, missed: Array) -> list[Compared]:
     pairs = zip(v.y.reshape(n, -1).T, missed.reshape(n, -1).T, strict=True)
     how = {"quantity": v.measured, "unit": v.signal_unit, "inputs": _inputs([v])}
     return [Compared(v.t, x, {"simulated": left}, **how) for x, left in pairs]
-
-
-def _rate(motion: Any) -> float:
-    """Rms velocity over rms displacement of the slowest coordinate, rad/s."""
-    return float(np.min(np.std(motion.q_dot, axis=0) / np.std(motion.q, axis=0)))
 
 
 # -- over time ------------------------------------------------------------------------------------
@@ -139,7 +137,9 @@ def draw_over_time(channel: Compared, figure: Figure, held_out: Compared | None 
         motion = channel.measured - channel.left[name]
         response.plot(channel.t, motion, dash, color=color, lw=1.5, label=name, visible=False)
         _draw_left(ax, channel, name, color, held_out)
-    _same_limits(below)
+    top = max(float(np.abs(ax.get_ylim()).max()) for ax in below)
+    for ax in below:
+        ax.set_ylim(-top, 1.3 * top)  # with room for a legend
     for ax in whole[:-1]:
         ax.sharex(whole[-1])
         ax.tick_params(labelbottom=False)
@@ -167,12 +167,6 @@ def _draw_left(
         for side in (-1, 1):
             ax.axhline(side * channel.noise.std, color="k", ls=":", lw=0.8)
     ax.set_ylabel(f"residual\n({channel.unit})")
-
-
-def _same_limits(axes: Sequence[Axes]) -> None:
-    top = max(float(np.abs(ax.get_ylim()).max()) for ax in axes)
-    for ax in axes:
-        ax.set_ylim(-top, 1.3 * top)  # with room for a legend
 
 
 def _draw_closer(ax: Axes, channel: Compared) -> None:
@@ -233,3 +227,123 @@ def _curves(s: Density) -> Iterator[tuple[Array, str, str]]:
     yield s.measured, "0.6", "measured"
     for (name, left), color in zip(s.left.items(), COLORS[-len(s.left) :], strict=True):
         yield left, color, f"error {name}" if len(s.left) > 1 else "what is left"
+
+
+BEFORE, AFTER = COLORS
+_LOOKS: dict[str, dict[str, Any]] = {
+    "measured": {"color": "0.4", "ls": "", "marker": "o", "ms": 3},
+    "before": {"color": BEFORE, "lw": 2.4},  # seen where both agree
+    "after": {"color": AFTER, "lw": 1.2},
+}
+
+
+def draw_errors_in_time(
+    t: Array, measured: Array, before: Array, after: Array, quantity: str, unit: str, figure: Figure
+) -> None:
+    """A record, and what a simulation misses of it before and after; all (n,).
+
+    nan where nothing is compared. The simulated motions show where one can zoom.
+    """
+    missed = {"before": before, "after": after}
+    draw_over_time(Compared(t, measured, missed, quantity, unit), figure)
+
+
+def draw_backbones(
+    backbones: Mapping[str, Backbone], quantity: str, unit: str, figure: Figure
+) -> None:
+    """Frequency and damping ratio of every cycle: "measured", "before", "after"."""
+    above, below = figure.subplots(2, 1, sharex=True)
+    for name, backbone in backbones.items():
+        look = _LOOKS[name] | {"label": name}
+        hz, percent = backbone.frequency / (2 * np.pi), 100 * backbone.damping_ratio
+        for ax, read in ((above, hz), (below, percent)):
+            (cycles,) = ax.plot(backbone.amplitude, read, **look)
+            tell(cycles, *of_cycles(backbone))
+    above.set_ylabel("frequency (Hz)")
+    below.set(xlabel=with_unit(f"amplitude of the {quantity}", unit), ylabel="damping ratio (%)")
+    above.legend(frameon=False, fontsize="small")
+
+
+def draw_plane(radius: Array, angle: Array, force: Array, figure: Figure) -> None:
+    """A force over rings (r + 1,) and sectors (s + 1,) of the (q, q_dot) plane, (r, s)."""
+    ax = figure.subplots()
+    top = 100 * float(np.nanmax(np.abs(force)))
+    x, y = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
+    image = ax.pcolormesh(x, y, 100 * force, cmap="RdBu_r", vmin=-top, vmax=top)
+    figure.colorbar(image, ax=ax, label="missing force (% of largest restoring force)")
+    ax.set(xlabel="q / largest", ylabel="q_dot / largest", aspect="equal")
+
+
+def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
+    """Missing force by harmonic, (2, n) each: in phase with q, and with q_dot."""
+    ax = figure.subplots()
+    orders = np.arange(before.shape[1])
+    bars = [
+        (before[0], BEFORE, 1.0, "before, in phase with q"),
+        (before[1], BEFORE, 0.45, "before, in phase with q_dot"),
+        (after[0], AFTER, 1.0, "after, in phase with q"),
+        (after[1], AFTER, 0.45, "after, in phase with q_dot"),
+    ]
+    for i, (values, color, alpha, label) in enumerate(bars):
+        at = orders + 0.2 * (i - 1.5)
+        ax.bar(at, 100 * np.abs(values), 0.2, color=color, alpha=alpha, label=label)
+    ax.set(xlabel="harmonic", ylabel="missing force (% of largest restoring force)", xticks=orders)
+    ax.legend(frameon=False, fontsize="small")
+
+
+def draw_cycles(
+    t: Array,
+    before: Array,
+    after: Array,
+    known: Sequence[Fact],
+    figure: Figure,
+    names: tuple[str, str] = ("before", "after"),
+) -> None:
+    """Error over noise of every cycle, (n,) each; lines end where cycles were left out.
+
+    What is known of the cycles beside it is shown under the pointer.
+    """
+    ax = figure.subplots()
+    gaps = np.flatnonzero(np.diff(t) > 1.5 * np.min(np.diff(t), initial=np.inf)) + 1
+    facts = [f._replace(values=np.insert(f.values, gaps, np.nan)) for f in known]
+    t, before, after = (np.insert(x, gaps, np.nan) for x in (t, before, after))
+    # Thick and thin lines, and dots of two sizes: after never hides before.
+    looks = ((before, BEFORE, 2.4, 4, names[0]), (after, AFTER, 1, 2, names[1]))
+    for errors, color, width, size, label in looks:
+        (line,) = ax.plot(t, errors, "o-", color=color, lw=width, ms=size, label=label)
+        tell(line, Fact("time (s)", t), *facts, Fact("error over noise", errors, digits=3))
+    ax.axhline(1.0, color="0.5", lw=0.8)
+    ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
+    log_ratio(ax)
+    ax.legend(frameon=False, fontsize="small")
+
+
+def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figure) -> None:
+    """Errors over noise of records or sensors: bars from the noise itself, 1, up or down."""
+    ax = figure.subplots()
+    at = np.arange(len(names))
+    sides = ((at - 0.2, before, BEFORE, "before"), (at + 0.2, after, AFTER, "after"))
+    for place, errors, color, label in sides:
+        bars = ax.bar(place, errors - 1, 0.4, bottom=1, color=color, label=label)
+        ax.bar_label(bars, [f"{e:.3g}" for e in errors], padding=2, fontsize="small")
+    ax.axhline(1.0, color="0.5", lw=0.8)
+    ax.set(ylabel="error over noise", xticks=at, xticklabels=names)
+    log_ratio(ax)
+    ax.set_ylim(bottom=min(0.5, 0.7 * float(np.nanmin(after))))
+    ax.legend(frameon=False, fontsize="small", ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
+
+
+def draw_error_spectra(
+    dt: float,
+    noise: float,
+    measured: Array,
+    before: Array,
+    after: Array,
+    quantity: str,
+    unit: str,
+    figure: Figure,
+) -> None:
+    """Spectra of a record and of what is missed of it, (n,), beside white noise of this rms."""
+    t, missed = dt * np.arange(len(measured)), {"before": before, "after": after}
+    channel = Compared(t, measured, missed, quantity, unit, Noise.white(noise, dt))
+    draw_spectra({"": spectrum_of(channel)}, figure)

@@ -12,10 +12,8 @@ import numpy as np
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.kernel.prepared import part_of
 from romsindy.fit.results.estimate import Band, Estimate
-from romsindy.fit.results.fitted import Fit
+from romsindy.fit.results.fitted import Fit, HeldOut, SmallVibration, small_vibrations
 from romsindy.fit.results.forced_band import ForcedBand
-from romsindy.fit.results.held_out import HeldOut
-from romsindy.fit.results.small_vibrations import SmallVibration, small_vibrations
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve

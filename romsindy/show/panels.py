@@ -16,10 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
-from romsindy.fit.results.curve import Curve
-from romsindy.fit.results.estimate import Band, Estimate
+from romsindy.fit.results.estimate import Band, Curve, Estimate
+from romsindy.fit.results.fitted import SmallVibration
 from romsindy.fit.results.forced_band import ForcedBand
-from romsindy.fit.results.small_vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel
@@ -35,10 +34,15 @@ from romsindy.show.compared import (
     held_out_of,
     spectrum_of,
 )
-from romsindy.show.function_plots import plot_inertia, plot_parts, plot_stiffness
 from romsindy.show.identified import Identified, levels_of, tables
 from romsindy.show.page import Picture, write_page
-from romsindy.show.plots import plot_branch, plot_forced_response
+from romsindy.show.plots import (
+    plot_branch,
+    plot_forced_response,
+    plot_inertia,
+    plot_parts,
+    plot_stiffness,
+)
 
 _INCHES = 3.4  # height of one coordinate of several
 _ROW = 1.5  # the same of a row over time

@@ -12,7 +12,7 @@ from joblib import delayed
 from romsindy.beam.beam import Beam
 from romsindy.diagnosis.all_sensors import Readings, followed, noise_of
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.family import family_of
+from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.all_sensors import (
     Heard,
@@ -22,22 +22,24 @@ from romsindy.diagnosis.on_beam.all_sensors import (
     left_of,
     weigh,
 )
-from romsindy.diagnosis.on_beam.anywhere import (
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
+from romsindy.diagnosis.on_beam.parameters import (
     can_be_anywhere,
     moved_to,
     place_now,
+    that_do_the_same,
     with_error_of_place,
 )
-from romsindy.diagnosis.on_beam.defect import STAND_INS, OnBeam, simulated
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.parameters import that_do_the_same
-from romsindy.diagnosis.on_beam.place import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.release import (
     FAILURES,
+    STAND_INS,
     BeamRelease,
+    OnBeam,
     read_release,
     ringing,
     rung_by,
+    simulated,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import Opened, beam_with, on_the_beam
 from romsindy.diagnosis.report import DiagnosisReport
@@ -229,9 +231,8 @@ class BeamRounds(Rounds):
         if not any(map(self._somewhere, best.effects)):
             return best
         for h in report.rivals:
-            there = len(self.structure.with_effects(h.effects)) == len(h.effects)
             alike = family_of([h.names, best.names]) is not None
-            if there and alike and not any(map(self._somewhere, h.effects)):
+            if self.can_have(h.effects) and alike and not any(map(self._somewhere, h.effects)):
                 return h
         return best
 
@@ -455,7 +456,8 @@ class BeamRounds(Rounds):
         measured: Sequence[Array] | None = None,
     ) -> list[tuple[Array, Array, list[_Begun]]]:
         """What beams with some parts, that begin each record somehow, leave: see `_left`."""
-        early = [self._early(i, own) for i, own in enumerate(read)]
+        rows = zip(self.records, self.raw, read, strict=False)
+        early = [(record.until(float(own.t[-1])), raw) for record, raw, own in rows]
         given = (early, read, slack, self.tolerant, measured)
         tasks = (delayed(_left)(self.seen, opened, starts, *given) for opened, starts in several)
         return list(self.parallel(tasks))
@@ -474,9 +476,6 @@ class BeamRounds(Rounds):
         modes = self.seen.shapes.shape[1]
         start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
-
-    def _early(self, i: int, read: Readings) -> tuple[Record, Decay]:
-        return self.records[i].until(float(read.t[-1])), self.raw[i]
 
     def _without(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
         """The beam with values alone, along the first mode as that was measured."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -32,11 +31,6 @@ _ENERGY = 1e-3  # drift of the energy: 72 dB below the readings where a beam str
 _SMALL = 1e-6  # m kg^0.5 / s: of the second mode, for the slope of a damping
 # Samples per cycle, at least: of the first mode, and of the highest that is told apart
 _SAMPLES, _WITHIN = 16, 2.5
-
-
-def projected_modes(n_sensors: int) -> int:
-    """Modes that so many sensors tell apart, with some sensors to spare."""
-    return max(1, min(_MODES, n_sensors - 2))
 
 
 def coarse(beam: Beam) -> Beam:
@@ -86,7 +80,8 @@ class InstrumentedBeam:
     @cached_property
     def shapes(self) -> Array:
         """Mode shapes at the sensors, (n_sensors, n_modes)."""
-        return self.sensors.mode_shapes(self.basis, projected_modes(len(self.sensors.sensors)))
+        told_apart = max(1, min(_MODES, len(self.sensors.sensors) - 2))  # some sensors to spare
+        return self.sensors.mode_shapes(self.basis, told_apart)
 
     @property
     def fastest(self) -> float:
@@ -229,11 +224,6 @@ class InstrumentedBeam:
         )
         # What is kept beside the modes is what the sensors read.
         return cast(History, motion.sensors)
-
-    def keeping(self, channels: Sequence[int]) -> InstrumentedBeam:
-        """The same with some of the sensors."""
-        kept = [self.sensors.sensors[i] for i in channels]
-        return InstrumentedBeam(self.beam, self.beam.sensors(kept))
 
 
 def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) -> Decay:

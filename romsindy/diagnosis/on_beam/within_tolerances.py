@@ -26,7 +26,7 @@ from romsindy.diagnosis.on_beam.all_sensors import OpenValues
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
-from romsindy.diagnosis.screening import screen
+from romsindy.diagnosis.search import screen
 from romsindy.diagnosis.structure import key_of
 from romsindy.effects import Gain, Viscous
 from romsindy.effects.base import TermEffect

@@ -15,10 +15,10 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.equilibrium import Shape
 from romsindy.beam.motion import SensorArray
 from romsindy.beam.static_shapes import StaticCurve
+from romsindy.diagnosis.arguments import of_references
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.all_sensors import Latitude
+from romsindy.diagnosis.on_beam.all_sensors import Latitude, SensorFault, find_fault
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
-from romsindy.diagnosis.on_beam.defect import OnBeam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, checked_readings, coarse
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -27,9 +27,8 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease
+from romsindy.diagnosis.on_beam.release import FAILURES, BeamRelease, OnBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
-from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import (
     ParameterDirection,
     directions,
@@ -39,7 +38,6 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 )
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected, sensor_errors
-from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
@@ -181,13 +179,11 @@ def _with_right_sensors(
     gains = None if off is None else position_gains(seen, off)
     fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels, gains)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
-    seen = seen.keeping(kept)
+    right = seen.beam.sensors([seen.sensors.sensors[i] for i in kept])
+    seen = InstrumentedBeam(seen.beam, right)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
-    return seen, simulated, () if fault is None else (fault,), [_channels(d, kept) for d in decays]
-
-
-def _channels(decay: Decay, kept: Sequence[int]) -> Decay:
-    return replace(decay, **{n: x[:, kept] for n, x in decay.signals.items()})
+    measured = [replace(d, **{n: x[:, kept] for n, x in d.signals.items()}) for d in decays]
+    return seen, simulated, () if fault is None else (fault,), measured
 
 
 def _effects(

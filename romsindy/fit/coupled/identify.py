@@ -20,11 +20,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import KINDS, Kind, candidates
-from romsindy.fit.coupled.choice import Choice, Stage, every_choice
-from romsindy.fit.coupled.rounds import FittedPieces, Progress, best_of, of_plainest_kind, settled
+from romsindy.fit.coupled.rounds import (
+    Choice,
+    FittedPieces,
+    Progress,
+    Stage,
+    best_of,
+    every_choice,
+    of_plainest_kind,
+    settled,
+)
 from romsindy.fit.kernel.collocation import TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.pieces import cut, moved, shortest
+from romsindy.fit.kernel.shooting import cut, moved, shortest
 from romsindy.fit.records.arguments import (
     require_known,
     require_unit,
@@ -34,8 +42,8 @@ from romsindy.fit.records.arguments import (
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, curved_shapes, free_shapes
 from romsindy.fit.records.modes import modes_of
 from romsindy.fit.records.record import NUMERICS
+from romsindy.fit.results.estimate import stand_ins
 from romsindy.fit.results.fitted import Fit, examined, refined, with_choice_error
-from romsindy.fit.results.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel, linear_model, linear_terms
 from romsindy.physics.coupling import CoupledTerm
@@ -45,7 +53,6 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
-from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import LOUD, NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
@@ -181,14 +188,12 @@ def _with_tones_of(
     for record, decay in zip(records, decays, strict=True):
         heard = CoupledRecord.of(decay, frequencies, NUMERICS, record.main).tones
         pairs = zip(record.tones, heard, strict=True)
-        tones = tuple(max(pair, key=_lasts) for pair in pairs)
+        tones = tuple(
+            max(pair, key=lambda t: t.end - t.start if np.any(t.amplitude) else 0.0)
+            for pair in pairs
+        )
         found.append(replace(record, tones=tones))
     return found
-
-
-def _lasts(tone: Ridge) -> float:
-    """Seconds."""
-    return tone.end - tone.start if np.any(tone.amplitude) else 0.0
 
 
 def _loud_enough(more: Vibration, best: FittedPieces) -> bool:
@@ -335,7 +340,7 @@ def _earlier(
     grid = whole.motion.grid
     first = max(int(np.ceil((time - stride) / grid.step)), 0)
     since = first * grid.step
-    record = whole.since_step(first)
+    record = whole.between_steps(first, whole.motion.grid.n_steps)
     before = state_before(model, state, time - since)
     equation = equation_of(model, (), 0, record)
     motion = integrate(equation, before, record.motion.grid)

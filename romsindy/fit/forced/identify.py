@@ -27,13 +27,13 @@ from romsindy.fit.records.arguments import (
     require_unit,
     small_frequencies,
 )
-from romsindy.fit.records.between_samples import ways
 from romsindy.fit.records.modes import mode_beside, modes_of
+from romsindy.fit.records.smooth import ways
+from romsindy.fit.results.estimate import possible, stand_ins
 from romsindy.fit.results.fitted import Fit, with_choice_error
-from romsindy.fit.results.signs import possible, stand_ins
 from romsindy.fit.verdict import WIDEST_SIGNAL
 from romsindy.physics.coupled import linear_terms
-from romsindy.physics.equations import Equations, inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
@@ -200,11 +200,6 @@ class _TermSearch:
         return self.look.fit(names, model)
 
 
-def linear_of(model: Equations) -> tuple[Term, ...]:
-    """Stiffness and damping that always take part."""
-    return linear_terms(model.n_coordinates) if model.numbered else LINEAR
-
-
 def stiffness_to(order: int) -> list[Term]:
     """Powers of the displacement from the second to this one.
 
@@ -246,7 +241,8 @@ def linearised(
     wide = replace(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
-    always = [t for t in linear_of(model) if t.key in fit.free]
+    linear = linear_terms(model.n_coordinates) if model.numbered else LINEAR
+    always = [t for t in linear if t.key in fit.free]
     terms = tuple({t.key: t for t in (*always, *several)}.values())
     at = np.array([wide.coefficients[t.key] for t in terms])
     wide, own = free_parts(wide, [t.key for t in terms], fit.records)

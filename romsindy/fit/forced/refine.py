@@ -2,7 +2,7 @@
 
 Inputs keep the phase of a simulation, so that most records are fitted as a whole. Where the motion
 is sensitive, a small error of the start grows, and the misfit has many minima; over few cycles it
-has not: there they are fitted in pieces (`romsindy.fit.kernel.pieces`).
+has not: there they are fitted in pieces (`romsindy.fit.kernel.shooting`).
 """
 
 from __future__ import annotations
@@ -24,12 +24,16 @@ from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.kernel.prepared import CREEPS, Prepared, creeping
-from romsindy.fit.records.arguments import free_names, require_unit, small_frequencies
-from romsindy.fit.records.between_samples import Rivals, rated, ways
-from romsindy.fit.records.coupled import free_shapes
-from romsindy.fit.records.measured import ready, ready_along
-from romsindy.fit.records.mode_shape import Offset, free_offsets
+from romsindy.fit.records.arguments import (
+    free_names,
+    ready,
+    ready_along,
+    require_unit,
+    small_frequencies,
+)
+from romsindy.fit.records.coupled import Offset, free_offsets, free_shapes
 from romsindy.fit.records.modes import Modes, modes_near
+from romsindy.fit.records.smooth import Rivals, rated, ways
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.physics.coupled import CoupledModel, linear_model
 from romsindy.physics.equations import Equations, inputs_of, with_inputs, without_inputs

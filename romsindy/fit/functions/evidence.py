@@ -1,30 +1,47 @@
 """Fits of series to records, with as much smoothness and process noise as the data support.
 
 For values with a Gaussian prior, linearised about the present motions, the marginal likelihood of
-the data is a closed form. Its maximum over the scales of the prior (`prior`) and the size of the
-process noise (`windows`) says how much of a function the data ask for [1]; its curvature says
-how far other scales would do.
+the data is a closed form. Its maximum over the scales of the prior and the size of the process
+noise (`windows`) says how much of a function the data ask for [1]; its curvature says how far other
+scales would do.
 
 Functions that may be true are draws of the posterior in which inertia is never negative: h is the
 kinetic energy of the modes that are dragged along, a sum of squares. Draws keep to the cone of
 series with h >= 0 on the range of the data; their mean is in it too, for a cone is convex.
 
+What is known of the functions of an equation before the data speak: smooth, no inertia below 0.
+
+Smooth: Gaussian processes with scales of their own, a trend that may be anything (a constant, a
+slope, a parabola) and a departure from it, with correlation
+
+    size^2 (1 + d) exp(-d),  d = sqrt(3) |z - z'| / length       (Matern, once differentiable [2])
+
+between places z = q / reach. Its part that is odd in z, which a symmetric structure has not, is
+smaller by a factor. Size, length and asymmetry of each function follow from the data: terms that
+the data do not support shrink to nothing, and no order has to be chosen. The process is once
+differentiable only: the shrinkage of high orders stays mild, so that features that are sharper than
+the rest are not smoothed away.
+
+The inertia is nowhere negative on the range of the data: values keep to a cone of series.
+
 [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415.
+[2] C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, sections
+    4.2 (kernels), 2.7 (trend) and 5.4 (scales from the marginal likelihood).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog, minimize
+from numpy.polynomial import chebyshev
+from scipy.linalg import block_diag
+from scipy.optimize import linprog, minimize, nnls
 from scipy.special import ndtr, ndtri
 
-from romsindy.fit.functions import prior
-from romsindy.fit.functions.prior import constraints, lifted, nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
 from romsindy.fit.kernel.collocation import GROWN, TrajectoryError
@@ -33,6 +50,91 @@ from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, EXPLAINED
 from romsindy.typing import Array
+
+# Of stiffness, inertia and damping: standard deviations of the first terms of the trend. Values of
+# order one are normal (see `Series`); the constants of stiffness and damping may be anything.
+_TREND = ((10.0, 1.0, 1.0), (1.0,), (0.0, 1.0))
+_CONSTANT = 10.0  # of the damping, see `Series`
+_FORCE = 3.0
+# Logarithms of size, length and asymmetry: middle and spread of what they are expected to be, wide,
+# and their limits. A length of 0.2 is about what 17 polynomials resolve.
+_SIZES = (0.2, 0.1, 0.1)
+MIDDLE = np.log([(size, 1.0, 0.3) for size in _SIZES]).ravel()
+SPREAD = np.tile([2.0, 0.7, 1.0], 3)
+LOW = np.tile(np.log([1e-6, 0.2, 0.01]), 3)
+HIGH = np.tile(np.log([10.0, 5.0, 1.5]), 3)
+_PLACES = 81  # where h >= 0 is asked for
+
+
+def prior_factor(series: Series, scales: Array) -> Array:
+    """L with prior covariance L L' of the values of a series; ``scales`` (9,) as in `MIDDLE`."""
+    sizes = np.exp(scales).reshape(3, 3)
+    k, r, d = (
+        _of_function(n, *own, trend)
+        for n, own, trend in zip(series.sizes, sizes.tolist(), _TREND, strict=True)
+    )
+    others = [_FORCE] * len(series.forces) + series.sensor.spread
+    return block_diag(k, r, [[_CONSTANT]], d, np.diag(others))
+
+
+def prior_cost(scales: Array) -> float:
+    """Minus the logarithm of the prior density of the scales."""
+    off = (scales - MIDDLE) / SPREAD
+    return float(off @ off / 2 + np.sum(np.log(SPREAD * np.sqrt(2 * np.pi))))
+
+
+@lru_cache(maxsize=64)  # differences by one scale leave two of the functions as they are
+def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[float, ...]) -> Array:
+    """Factor of the covariance of the Chebyshev coefficients of one function, (n, n)."""
+    if n <= 1:  # a constant
+        return np.eye(n) * trend[0]
+    z = chebyshev.chebpts1(n)
+    distances = (np.sqrt(3) * (np.abs(z[:, None] + s * z) / length) for s in (-1, 1))
+    near, far = ((1 + d) * np.exp(-d) for d in distances)
+    values = size**2 * ((near + far) / 2 + odd**2 * (near - far) / 2)
+    to_series = np.linalg.inv(chebyshev.chebvander(z, n - 1))
+    covariance = to_series @ values @ to_series.T
+    first = range(min(len(trend), n))
+    covariance[first, first] += np.square(trend[:n])
+    w, v = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(v * np.sqrt(np.maximum(w, 1e-14 * w[-1])))
+
+
+def constraints(series: Series) -> tuple[slice, Array]:
+    """Where the values of the inertia are, and h / z^2 at many places for each of them."""
+    n_k, n_r, _ = series.sizes
+    z = np.cos(np.linspace(0, np.pi, _PLACES))
+    return slice(n_k, n_k + n_r), chebyshev.chebvander(z, max(n_r - 1, 0))
+
+
+def nearest(series: Series, mean: Array, root: Array) -> Array:
+    """The most probable of mean + root x, x standard normal, that lie in the cone.
+
+    Least distance by non-negative least squares: C. L. Lawson, R. J. Hanson, "Solving Least Squares
+    Problems", 1974, chapter 23.
+    """
+    inertia, places = constraints(series)
+    if not series.sizes.inertia or np.all(places @ mean[inertia] >= 0):
+        return mean
+    slope, missing = places @ root[inertia], -places @ mean[inertia]
+    size = np.linalg.norm(slope, axis=1)
+    if not (np.all(np.isfinite(mean)) and np.all(size > 0)):
+        return mean  # there is no motion: nothing is to be mended
+    table = np.vstack([slope.T / size, missing / size])
+    aim = np.append(np.zeros(len(mean)), 1.0)
+    rest = table @ nnls(table, aim, maxiter=50 * _PLACES)[0] - aim
+    if not rest[-1] < 0:
+        return mean  # so far off that no digits are left
+    return np.asarray(mean - root @ (rest[:-1] / rest[-1]))
+
+
+def lifted(r: Array) -> Array:
+    """A Chebyshev series that dips below 0 between the places by a trace, lifted to 0."""
+    roots = chebyshev.chebroots(chebyshev.chebder(r)) if len(r) > 2 else np.zeros(0)
+    inner = roots.real[(np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) < 1)]
+    least = np.min(chebyshev.chebval(np.r_[-1.0, 1.0, inner], r))
+    return np.append(r[0] + max(-least, 0.0), r[1:])
+
 
 _ITERATIONS = 25
 _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
@@ -72,7 +174,7 @@ class Fitted:
     known: Array  # (m, p + 1), rows for what was known beforehand
     noise: float  # of the whitened signals: 1, or more where the misfit is larger than the noise
     jump: float  # process noise, in amplitudes
-    scales: Array  # (9,), of the prior, see `prior`
+    scales: Array  # (9,), of the prior, see `prior_factor`
     cost: float  # minus the logarithm of the evidence at these scales
     converged: bool
     # Of every record, where a force that nobody measured takes the place of process noise: see
@@ -92,7 +194,7 @@ class Fitted:
     @property
     def n_effective(self) -> int:
         """Number of values that the data determine, with the start of every record."""
-        triangle = _triangle(self.reduced, prior.factor(self.series, self.scales))
+        triangle = _triangle(self.reduced, prior_factor(self.series, self.scales))
         free = len(self.series.values) - float(np.sum(np.linalg.inv(triangle[:-1, :-1]) ** 2))
         return round(free) + 2 * len({w.record for w in self.windows})
 
@@ -104,7 +206,7 @@ class Fitted:
 
     def posterior(self, scales: Array | None = None) -> Normal:
         """Of the values, for these scales of the prior or others."""
-        factor = prior.factor(self.series, self.scales if scales is None else scales)
+        factor = prior_factor(self.series, self.scales if scales is None else scales)
         return _normal(_triangle(self.reduced, factor), factor)
 
     @property
@@ -166,7 +268,7 @@ def fit(
     of that to choose from. Raises a TrajectoryError if the motion goes astray, or stays far from
     the records though their noise is given.
     """
-    scales = prior.MIDDLE if start is None else start.scales
+    scales = MIDDLE if start is None else start.scales
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump
     level, last = noise or 1.0, np.inf
     own, largest = tuple(windows), np.inf
@@ -206,7 +308,7 @@ def fit(
 
 def regressed(series: Series, records: Sequence[Record]) -> Series:
     """Values to start from: regression of the smoothed acceleration on the terms."""
-    scales = prior.factor(series, prior.MIDDLE)
+    scales = prior_factor(series, MIDDLE)
     rows = [np.eye(len(scales), len(scales) + 1)]
     for record in records:
         state = nodes(record.motion)
@@ -242,7 +344,7 @@ def better_scales(now: Fitted) -> Fitted:
         lambda x: _cost(now.series, rows, x),
         now.scales,
         method="L-BFGS-B",
-        bounds=list(zip(prior.LOW, prior.HIGH, strict=True)),
+        bounds=list(zip(LOW, HIGH, strict=True)),
         # Values of the evidence are good to about 1e-6: differences want steps well above that.
         options={"maxiter": 60, "eps": 1e-3},
     )
@@ -253,9 +355,9 @@ def better_scales(now: Fitted) -> Fitted:
 
 def _cost(series: Series, rows: Reduced, scales: Array) -> float:
     """Minus the logarithm of the evidence and of the prior of the scales."""
-    triangle = _triangle(rows, prior.factor(series, scales))
+    triangle = _triangle(rows, prior_factor(series, scales))
     inside = np.sum(np.log(np.abs(np.diag(triangle)[:-1])))
-    return float(triangle[-1, -1] ** 2 / 2 + inside) + rows.cost + prior.cost(scales)
+    return float(triangle[-1, -1] ** 2 / 2 + inside) + rows.cost + prior_cost(scales)
 
 
 def _triangle(rows: Reduced, factor: Array) -> Array:
@@ -315,7 +417,7 @@ def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
     draws = []
     for _ in range(-(-n // _EACH)):
         scales = found.scales + spread @ rng.standard_normal(len(spread))
-        normal = found.posterior(np.clip(scales, prior.LOW, prior.HIGH))
+        normal = found.posterior(np.clip(scales, LOW, HIGH))
         draws.append(_in_cone(found, *normal, rng))
     return np.concatenate(draws)[:n]
 

@@ -26,8 +26,7 @@ from romsindy.fit.adequacy.independence import (
     judged,
 )
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
-from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
-from romsindy.fit.functions.prior import nearest
+from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales, nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Linear, Window, block, root, windows_of
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate

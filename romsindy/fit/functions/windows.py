@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 
 from romsindy.fit.functions.series import Series
 from romsindy.fit.kernel.collocation import Trajectory
-from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.kernel.linear_response import Response, respond, sampled
 from romsindy.fit.records.record import Record
 from romsindy.typing import Array, Indices
 
@@ -84,7 +84,7 @@ class Block:
 def block(series: Series, window: Window, record: Record) -> Block:
     """A window of a record, linearised about its motion."""
     m, series = window.motion, series.near(window.amplitude)
-    response = respond(series, m, series.by_parameter(*nodes(m)))
+    response = respond(series, m)
     x = sampled(m, record.derivative)[:, 0]
     shown, slope = series.shown(x, record.derivative, window.record)
     change = slope[:, None] * response.samples(record.derivative)[:, 0]

@@ -89,6 +89,11 @@ class Grid:
         index = np.clip(np.ceil(place - 1e-9).astype(int) - 1, 0, None)
         return cls(float(t[0]), float(step), int(index[-1]) + 1, index, place - index)
 
+    @property
+    def ends(self) -> Array:
+        """Times of the ends of the steps, the first start among them, (n_steps + 1,)."""
+        return self.start + self.step * np.arange(self.n_steps + 1)
+
     def node_times(self, first: int, last: int) -> Array:
         """Times of the Gauss points of steps first to last - 1, shape (last - first, 3)."""
         return self.start + self.step * (np.arange(first, last)[:, None] + NODES)
@@ -148,8 +153,7 @@ class Trajectory:
 
 def end_states(equation: Equation, motion: Trajectory) -> tuple[Array, Array, Array, Array]:
     """Times, q, q_dot and q_ddot at the ends of the steps, where the equation gives q_ddot."""
-    grid = motion.grid
-    t = grid.start + grid.step * np.arange(grid.n_steps + 1)
+    t = motion.grid.ends
     ends = equation.linearise(t, motion.q, motion.q_dot, np.zeros_like(motion.q))
     q_ddot = -(inverse(ends.by_q_ddot)[0] @ ends.residual[..., None])[..., 0]
     return t, motion.q, motion.q_dot, q_ddot

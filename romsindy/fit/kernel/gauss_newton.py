@@ -16,8 +16,8 @@ import numpy as np
 
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.kernel.normal_equations import NormalEquations
+from romsindy.fit.kernel.hypothesis import NormalEquations
+from romsindy.fit.kernel.linear_response import Response, respond, sampled
 from romsindy.fit.kernel.part import (
     Part,
     Solution,
@@ -65,7 +65,7 @@ def fit(
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
             system, responses, _ = _linearised(model, parts, records, motions)
-            if kept is not None and not system.power <= _WORSE * kept.power:
+            if kept is not None and not system.power <= _WORSE * kept.system.power:
                 if kept.short < _SHORTEST:
                     parts, system = kept.parts, kept.system
                     motions = [r.motion for r in kept.responses]
@@ -119,7 +119,7 @@ def fit(
 
 @dataclass(frozen=True)
 class _Iterate:
-    """Where a step started, and the step."""
+    """Where a step started, with the misfit there in its system, and the step."""
 
     parts: tuple[Part, ...]
     responses: tuple[Response, ...]
@@ -127,11 +127,6 @@ class _Iterate:
     step: Array
     short: float
     system: NormalEquations
-
-    @property
-    def power(self) -> float:
-        """Misfit before the step."""
-        return self.system.power
 
     def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
         """Values and motions after the step."""
@@ -176,7 +171,7 @@ def linear_table(
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
     equation = equation_of(model, parts, i, record)
-    response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+    response = respond(equation, motion)
     change = record.in_orders(parts, response.samples)
     x = record.in_orders(parts, partial(sampled, motion)) + change[..., 0]
     return response, record.table(parts, i, x, change[..., 1:])

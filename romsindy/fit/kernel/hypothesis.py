@@ -9,6 +9,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
+from scipy.signal import lfilter
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.memory import MemoryEffect, SmallMass
@@ -18,7 +21,8 @@ from romsindy.physics.coupling import Along
 from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
-from romsindy.typing import Array
+from romsindy.record.prediction import autoregression, coloured_product
+from romsindy.typing import Array, Indices
 
 
 def free_parts(
@@ -110,3 +114,163 @@ def with_memories(model: Model, parts: Sequence[Part]) -> Model:
     pairs = zip(model.terms, model.values, strict=True)
     new = [by_key.get(t.key, (t, v)) for t, v in pairs]
     return replace(model, terms=tuple(t for t, _ in new), values=tuple(v for _, v in new))
+
+
+_RANK = 1e-13  # of scaled equations: directions below it are not told apart
+_FIRM = 1e-10  # reciprocal condition of scaled equations that are solved without looking for such
+_ACTIVE = 5  # rounds in which values may reach their limits
+
+
+class NormalEquations:
+    """Normal equations of all records: values of the parts, the state of each record, and more.
+
+    A state holds q and q_dot at the start, two values of each coordinate. What comes last are
+    strengths of candidates, which are zero so far.
+    """
+
+    def __init__(
+        self, n_values: int, n_records: int, n_more: int = 0, n_coordinates: int = 1
+    ) -> None:
+        self.n_states = 2 * n_coordinates
+        self.size = n_values + self.n_states * n_records + n_more
+        self.n_values = n_values
+        self.matrix = np.zeros((self.size, self.size))
+        self.right = np.zeros(self.size)
+        self.power = 0.0
+
+    def add(self, where: Indices, rows: Array) -> None:
+        """Rows of one record: derivatives by the values at these places, then the misfit."""
+        self.add_products(where, rows.T @ rows)
+
+    def add_products(self, where: Indices, gram: Array) -> None:
+        """Products of such rows, weighed by any covariance."""
+        self.power += gram[-1, -1]
+        self.right[where] += gram[-1, :-1]
+        self.matrix[np.ix_(where, where)] += gram[:-1, :-1]
+
+    def coloured(self, tables: Sequence[tuple[Indices, Array]]) -> Array:
+        """Covariance of all values, for the colour that the residuals really have.
+
+        Where a residual is not white the covariance is the sandwich (J'J)^-1 J' S J (J'J)^-1, with
+        S that of an autoregression. ``tables`` have the rows of each record, as in `add`.
+        """
+        middle = np.zeros_like(self.matrix)
+        for where, rows in tables:
+            jacobian, residual = rows[:, :-1], rows[:, -1]
+            a = autoregression(residual)
+            driven = lfilter(a, [1.0], residual)
+            freedom = max(len(residual) - self.size / len(tables), 1.0)
+            variance = float(driven @ driven) / freedom
+            middle[np.ix_(where, where)] += coloured_product(a, jacobian, jacobian) * variance
+        inverse = self.covariance()
+        return inverse @ middle @ inverse
+
+    def states_of(self, record: int) -> Indices:
+        """Places of q and q_dot at the start of a record."""
+        return self.n_values + self.n_states * record + np.arange(self.n_states)
+
+    def add_priors(self, parts: Sequence[Part]) -> None:
+        """What is known beforehand."""
+        for at, off, spread in priors(parts):
+            self.power += (off / spread) ** 2
+            self.right[at] += off / spread**2
+            self.matrix[at, at] += 1 / spread**2
+
+    @property
+    def finite(self) -> bool:
+        """Whether the motions stayed within reach of numbers."""
+        return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
+
+    def bounded_step(self, held: NDArray[np.bool_], low: Array, high: Array) -> Array:
+        """Least-squares change of all values; values at a limit stay there, and some are held.
+
+        ``low`` and ``high`` are the least and largest changes of the values of the parts.
+        """
+        fixed = np.zeros(self.size)
+        free = np.ones(self.size, bool)
+        free[: len(held)] = ~held
+        least, most = np.full((2, self.size), np.inf)
+        least = -least
+        least[: len(low)], most[: len(high)] = low, high
+        step = self._step(free, fixed)
+        for _ in range(_ACTIVE):
+            beyond = free & ((step < least) | (step > most))
+            if not np.any(beyond):
+                break
+            fixed[beyond] = np.clip(step, least, most)[beyond]
+            free &= ~beyond
+            step = self._step(free, fixed)
+        return step
+
+    def _step(self, free: NDArray[np.bool_], fixed: Array) -> Array:
+        a = self.matrix[np.ix_(free, free)]
+        b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
+        step = fixed.copy()
+        step[free] = solved(a, b)
+        return step
+
+    def by_some(self, columns: Indices) -> tuple[Array, float]:
+        """Least-squares change of some values alone, and by how much it lowers the misfit."""
+        a, b = self.matrix[np.ix_(columns, columns)], self.right[columns]
+        x = solved(a, b)
+        return x, float(2 * x @ b - x @ a @ x)
+
+    def chi_squared(self, step: Array) -> float:
+        """What the linear problem leaves after a step."""
+        return float(self.power - 2 * step @ self.right + step @ self.matrix @ step)
+
+    def covariance(self) -> Array:
+        """Inverse of the normal matrix: the curvature of the misfit."""
+        return inverse(self.matrix)
+
+
+def _scale(a: Array) -> Array:
+    """What makes the diagonal of a normal matrix 1; 0 where nothing, or only rounding, is there."""
+    power = np.diag(a)
+    return np.where(power > 1e-300, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+
+
+def _told_apart(a: Array) -> tuple[Array, Array]:
+    """Axes of a symmetric matrix, (n, k), and its sizes along them, those of rounding aside.
+
+    That converges always; a singular value decomposition does not.
+    """
+    sizes, axes = np.linalg.eigh(a)
+    large = np.abs(sizes) > _RANK * np.max(np.abs(sizes), initial=0.0)
+    return axes[:, large], sizes[large]
+
+
+def inverse(a: Array) -> Array:
+    """Of a normal matrix, whatever its scales; 0 in directions that are not told apart."""
+    scale = _scale(a)
+    axes, sizes = _told_apart(a * scale * scale[:, None])
+    return (axes / sizes) @ axes.T * scale * scale[:, None]
+
+
+def solved(a: Array, b: Array) -> Array:
+    """Least-squares solution of normal equations, (n,) or (n, m), whatever their scales."""
+    if not a.size:
+        return np.zeros_like(b)
+    scale = _scale(a)
+    wide = scale if b.ndim == 1 else scale[:, None]
+    scaled = a * scale * scale[:, None]
+    factor, failed = dpotrf(scaled)
+    if not failed and dpocon(factor, np.linalg.norm(scaled, 1))[0] > _FIRM:
+        return dpotrs(factor, b * wide)[0] * wide
+    axes, sizes = _told_apart(scaled)
+    return (axes / sizes) @ (axes.T @ (b * wide)) * wide
+
+
+def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
+    """Values known beforehand: place among all, what is known minus the value, and its spread."""
+    known, at = [], 0
+    for part in parts:
+        for value in part.strengths.ravel():
+            if part.tolerance is not None:
+                known.append((at, -float(value), part.tolerance))
+            at += 1
+        for value, p in zip(part.shape, part.parameters, strict=True):
+            if p.spread is not None:
+                known.append((at, p.starts[0] - float(value), p.spread))
+            at += 1
+    return known

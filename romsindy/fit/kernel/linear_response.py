@@ -71,11 +71,14 @@ class Response:
         )
 
 
-def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
+def respond(equation: Equation, motion: Trajectory, forces: Array | None = None) -> Response:
     """Linear response of a motion that need not satisfy the equation, nor join from step to step.
 
-    ``forces`` (m, 3 n_steps, R) are added to the residual at the Gauss points, each for one column.
+    ``forces`` (m, 3 n_steps, R) are added to the residual at the Gauss points, each for one column:
+    by default its derivatives by the values of the equation.
     """
+    if forces is None:
+        forces = equation.by_parameter(*nodes(motion))
     h, state = motion.grid.step, (motion.q, motion.q_dot, motion.q_ddot)
     t = motion.grid.node_times(0, motion.grid.n_steps)
     system = LinearSteps.at(equation, h, t, *state)

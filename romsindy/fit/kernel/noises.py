@@ -282,7 +282,8 @@ def found_noises(noises: TwoNoises, left: Array) -> Noises:
         within = [*zip(low, high, strict=True)]
         start, how = np.clip(best, low, high), {"method": "L-BFGS-B", "options": _SLOPES}
         best = minimize(search.cost, start, bounds=within, **how).x
-    return search.sized(best)
+    found = search.noises(best)  # with the size that leaves a chi-square of its freedom
+    return found.louder(float(np.sqrt(search.weighed(found)[0] / search.freedom)))
 
 
 def usual_noises(noises: TwoNoises, left: Array) -> Noises:
@@ -355,11 +356,6 @@ class _NoiseSearch:
         except LinAlgError:
             return _NEVER
         return self.freedom * float(np.log(chi_squared)) + spread if chi_squared > 0 else _NEVER
-
-    def sized(self, x: Array) -> Noises:
-        """With the size that leaves a chi-square of its freedom."""
-        noises = self.noises(x)
-        return noises.louder(float(np.sqrt(self.weighed(noises)[0] / self.freedom)))
 
 
 def _windows(n: int, length: int) -> list[slice]:

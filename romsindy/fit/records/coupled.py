@@ -3,6 +3,11 @@
 The vibrations of a decay are followed in the channels (`romsindy.record.vibrations`). As they were
 followed they are the motion from which a fit starts; what they leave of a channel is noise. Where
 inputs drive them, their linear modes tell the motion (`romsindy.fit.records.modes`).
+
+What channels show: mode shapes of several coordinates, straight and curved, and offsets.
+
+Modes that follow show as well: y = Phi q + sum of C_p q^p, with products q^p of two coordinates or
+more (slaved modes, and the arc on which a sensor moves).
 """
 
 from __future__ import annotations
@@ -11,17 +16,18 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import factorial
 from typing import cast
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from romsindy.effects.base import SampledInput
+from romsindy.effects.base import ReadingEffect, SampledInput
+from romsindy.effects.outside import Bias
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.part import Part, Reading
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.driven import AFFORDABLE, inputs_of_record, quiet_noise, steps_for
-from romsindy.fit.records.mode_shape import CurvedShape, ModeShape, Offset
 from romsindy.fit.records.modes import Modes, motion_behind
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.record.decay import Decay
@@ -33,6 +39,101 @@ from romsindy.record.ringing import NEAR, tones_of
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array, Indices
+
+
+@dataclass(frozen=True)
+class ModeShape(ReadingEffect):
+    """What one channel shows of one coordinate, beyond what was read off the record."""
+
+    channel: int = 0
+    coordinate: int = 0
+
+    name, label = "mode_shape", "another mode shape at a sensor"
+
+    @property
+    def variant(self) -> str:
+        """Channel and coordinate, from 1."""
+        return f"channel {self.channel + 1}, q{self.coordinate + 1}"
+
+    def readings(self, t: Array, q: Array) -> Array:
+        """Of its channel, (1, n), by a motion (n, R) in the measured quantity."""
+        return q[:, self.coordinate][None]
+
+
+@dataclass(frozen=True)
+class Offset(Bias):
+    """A zero of the sensor of one channel that differs from record to record."""
+
+    channel: int = 0
+
+    per_record = True
+
+
+def free_offsets(records: Sequence[Prepared], channel: int = 0) -> Part:
+    """An offset of the sensor of a channel in each record, 0 at first."""
+    return Part(Offset(channel), (), np.zeros((len(records), 1)))
+
+
+@dataclass(frozen=True)
+class CurvedShape(ReadingEffect):
+    """What one channel shows of a product of coordinates: their powers, one for each."""
+
+    channel: int = 0
+    powers: tuple[int, ...] = (2,)
+
+    name, label = "curved_shape", "a sensor that shows products of coordinates"
+
+    @property
+    def variant(self) -> str:
+        """Channel, from 1, and product."""
+        return f"channel {self.channel + 1}, {self.product}"
+
+    @property
+    def sentence(self) -> str:
+        """That the sensors show the product, whichever does."""
+        return f"sensors show {self.product}"
+
+    @property
+    def product(self) -> str:
+        """Such as "q1^2 q2"."""
+        powers = [(i + 1, p) for i, p in enumerate(self.powers) if p]
+        return " ".join(f"q{i}^{p}" if p > 1 else f"q{i}" for i, p in powers)
+
+    def readings(self, t: Array, q: Array) -> Array:
+        """Of its channel, (1, n), by a motion and its derivatives, (n, k R): see `shown_slopes`."""
+        series = self._series(q)
+        return factorial(len(series) - 1) * _product(series, self.powers)[-1][None]
+
+    def shown_slopes(self, q: Array) -> Array:
+        """Derivatives of the reading by q, q_dot, ... up to the measured quantity, (n, k R)."""
+        series, last = self._series(q), len(q[0]) // len(self.powers) - 1
+        found = np.zeros((last + 1, *series.shape[1:]))
+        for i, p in enumerate(self.powers):
+            if p:
+                fewer = tuple(n - (j == i) for j, n in enumerate(self.powers))
+                rest = p * _product(series, fewer)
+                for order in range(last + 1):
+                    found[order, :, i] = factorial(last) / factorial(order) * rest[last - order]
+        return np.concatenate(found, axis=1)
+
+    def _series(self, q: Array) -> Array:
+        """Taylor coefficients in time of all coordinates, (k, n, R)."""
+        orders = np.split(q, q.shape[1] // len(self.powers), axis=1)
+        return np.stack([x / factorial(order) for order, x in enumerate(orders)])
+
+
+def _product(series: Array, powers: tuple[int, ...]) -> Array:
+    """Taylor coefficients of a product of powers, (k, n)."""
+    found = np.zeros(series.shape[:2])
+    found[0] = 1.0
+    for i, p in enumerate(powers):
+        for _ in range(p):
+            factor = series[..., i]
+            found = np.stack(
+                [sum(found[j] * factor[m - j] for j in range(m + 1)) for m in range(len(found))]
+            )
+    return found
+
 
 # Steps of the integration in a cycle of the fastest coordinate: its error, of order six, stays
 # below a hundredth of a noise of 40 dB.
@@ -178,10 +279,6 @@ class CoupledRecord(Prepared):
     def until(self, end: float) -> CoupledRecord:
         """The first seconds of every channel, with the noise of all of it."""
         return self.between_steps(0, self.motion.grid.until(end).n_steps)
-
-    def since_step(self, first: int) -> CoupledRecord:
-        """The samples from a step on, with the noise of all of it."""
-        return self.between_steps(first, self.motion.grid.n_steps)
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
@@ -357,11 +454,10 @@ def _wave(tone: Ridge, t: Array, times: int) -> Array:
 
 
 def _motion(grid: Grid, tones: Sequence[Ridge], derivative: int) -> Trajectory:
-    ends = grid.start + grid.step * np.arange(grid.n_steps + 1)
     inside = grid.node_times(0, grid.n_steps).ravel()
     q, q_dot, q_ddot = (
         np.stack([_wave(tone, t, d - derivative) for tone in tones], axis=1)
-        for d, t in enumerate((ends, ends, inside))
+        for d, t in enumerate((grid.ends, grid.ends, inside))
     )
     return Trajectory(grid, q, q_dot, q_ddot.reshape(-1, 3, len(tones)))
 

@@ -20,8 +20,7 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from romsindy.fit.kernel.collocation import Grid, Trajectory
-from romsindy.fit.records.between_samples import deviance
-from romsindy.fit.records.smooth import finer, on_grid, reflected
+from romsindy.fit.records.smooth import deviance, finer, on_grid, reflected
 from romsindy.fit.verdict import MODE, WORTH
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input

@@ -73,7 +73,9 @@ class Record(Prepared):
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
         valid = np.ones(len(t), bool)
         motion = _motion(grid, displacement)
-        heard = _without_floor(noise)
+        power = noise.spectrum.power
+        above = np.maximum(power - noise.floor**2, _DEAF * power)  # the floor
+        heard = replace(noise.spectrum, power=above)
         doubts = _doubts(t, spline, heard, cycle)
         first = min(settling(heard, decay.dt), cycle / 2) / decay.dt
         return cls(decay, signal, valid, noise, spline, motion, doubts=doubts, first=round(first))
@@ -216,11 +218,6 @@ def _each(x: Array, taken: NDArray[np.bool_]) -> Array:
     return x * (taken if x.ndim == 1 else taken[:, None])
 
 
-def _without_floor(noise: Noise) -> Spectrum:
-    power = noise.spectrum.power
-    return replace(noise.spectrum, power=np.maximum(power - noise.floor**2, _DEAF * power))
-
-
 def _doubts(t: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float) -> Array | None:
     """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
     waves = spline.amplitudes(t)
@@ -284,7 +281,7 @@ def _after(decay: Decay, record: Record) -> Array | None:
 
 
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
-    ends = spline(grid.start + grid.step * np.arange(grid.n_steps + 1))
+    ends = spline(grid.ends)
     inside = spline(grid.node_times(0, grid.n_steps).ravel())[2]
     # Real parts of complex arrays lie apart in memory, and are moved together on the way to another
     # process: sums would be rounded in another order there.

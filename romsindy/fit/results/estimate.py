@@ -6,7 +6,7 @@ However it was found, and without the data it was found from, so that it can be 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -16,30 +16,100 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy, SteadyAdequacy
 from romsindy.fit.process_noise import Form, as_coefficients, normal_draws
-from romsindy.fit.results.curve import (
-    Curve,
-    Function,
-    checked_coordinate,
-    checked_range,
-    inertia_of,
-    secant_of,
-)
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.results.predict import Forecast, Sensors, foretold, predicted
+from romsindy.fit.verdict import REFUSED
 from romsindy.notebook import Framed, shown
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import model_from_json
+from romsindy.physics.coupling import SlavedInertia
 from romsindy.physics.equations import Equations, gain_of, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
 from romsindy.physics.term_sum import json_text, read_json
 from romsindy.physics.validation import array, made, several, table
 from romsindy.physics.validation import text as entry
 from romsindy.record.decay import Decay
 from romsindy.record.files.save import write_whole
 from romsindy.record.forced import ForcedVibration
-from romsindy.text import TextTable, with_error
+from romsindy.text import TextTable, listed, with_error
 from romsindy.typing import Array
+
+# At q = 0 a secant takes the place of the slope, this part of the range off.
+_SECANT = 1e-6
+_OUTSIDE = 1.001  # of the range of the data, by rounding
+Function = Callable[[Equations, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve(Framed):
+    """A function of q as the model has it, with the 95 % band of all that may be true; (n,) each.
+
+    The band holds pointwise.
+    """
+
+    q: Array
+    value: Array
+    low: Array
+    high: Array
+
+    _columns = ("q", "value", "low", "high")
+
+
+def inertia_of(coordinate: int) -> Function:
+    """h(q): inertia of a coordinate, from 1, beside its unit mass, all others at rest."""
+    at = coordinate - 1
+    return lambda model, q: np.asarray(_held(model, at, q)[3][:, at, at] - 1)
+
+
+def secant_of(coordinate: int, size: float) -> Function:
+    """K(q) / q of a coordinate, all others at rest; at 0 its limit. ``size`` is the range of q."""
+    at, step = coordinate - 1, _SECANT * size
+
+    def secant(model: Equations, q: Array) -> Array:
+        away = np.where(np.abs(q) < step, step, q)
+        return np.asarray(_held(model, at, away)[0][:, at] / away)
+
+    return secant
+
+
+def _held(model: Equations, at: int, q: Array) -> tuple[Array, ...]:
+    """Forces (n, R) and their slopes (n, R, R) where one coordinate is displaced, and held."""
+    positions = q[:, None] * np.eye(model.n_coordinates)[at]
+    rest = np.zeros_like(positions)
+    return model.residual_and_slopes(positions, rest, rest)
+
+
+def checked_range(q: ArrayLike, reach: tuple[float, float], unit: str | None) -> Array:
+    """Displacements (n,) within the range of the data.
+
+    Raises a ValueError if one is outside.
+    """
+    q = np.atleast_1d(np.asarray(q, float))
+    least, largest = reach
+    if not np.all((q >= _OUTSIDE * least) & (q <= _OUTSIDE * largest)):
+        raise ValueError(
+            f"q = {q.min():.4g} to {q.max():.4g} leaves the range of the data,"
+            f" {least:.4g} to {largest:.4g} {unit or '[q]'}: bands say nothing"
+            " there; stay within reach"
+        )
+    return q
+
+
+def checked_coordinate(coordinate: int, model: Equations) -> int:
+    """The number of a coordinate of a model, from 1.
+
+    Raises a ValueError if it has no such coordinate.
+    """
+    whole = isinstance(coordinate, (int, np.integer)) and not isinstance(coordinate, bool)
+    if not (whole and 1 <= coordinate <= model.n_coordinates):
+        raise ValueError(
+            f"coordinate = {coordinate!r} must be a whole number from 1 to"
+            f" {model.n_coordinates}: the model has no other"
+        )
+    return int(coordinate)
+
 
 E = TypeVar("E", bound="Estimate")
 # Part of a standard error by which a coefficient moves for the slope of a curve.
@@ -470,3 +540,65 @@ def curves_near(model: Equations, amplitudes: Array, mode: int) -> Callable[[Any
     if model.numbered:
         return mode_orbits(model, amplitudes, mode).curves
     return lambda near: near.frequency_and_damping(amplitudes)
+
+
+_SURE = 3.0  # standard errors off zero
+
+
+def massless(found: Estimate) -> float:
+    """Standard errors by which the fast modes that follow have less than no mass; 0 with mass.
+
+    Their products of inertia over the powers that they follow, such as q1^2 and q1 q2, are sums of
+    squares: a positive semidefinite matrix, see `SlavedInertia`. Its least eigenvalue is judged,
+    which changes with each product by those of the entries of its vector.
+    """
+    laws = {t.key: t for t in found.model.terms if isinstance(t, SlavedInertia)}
+    shapes = sorted({shape for t in laws.values() for shape in (t.first, t.second)})
+    if not shapes:
+        return 0.0
+    matrix, values = np.zeros((len(shapes), len(shapes))), found.model.coefficients
+    places = {name: (shapes.index(t.first), shapes.index(t.second)) for name, t in laws.items()}
+    for name, (i, j) in places.items():
+        matrix[i, j] = matrix[j, i] = values[name]
+    least, vectors = np.linalg.eigh(matrix)
+    own = {n: (1 + (i != j)) * vectors[i, 0] * vectors[j, 0] for n, (i, j) in places.items()}
+    slope = np.array([own.get(name, 0.0) for name in found.free])
+    variance = float(slope @ found.covariance @ slope)
+    return max(-float(least[0]), 0.0) / np.sqrt(variance) if variance > 0 else 0.0
+
+
+def possible(found: Estimate, laws: Sequence[Term]) -> list[Term]:
+    """Laws of an equation without those of a sign that they cannot have, unless surely so."""
+    values, errors = found.model.coefficients, found.standard_errors
+
+    def may_be(law: Term) -> bool:
+        value, error = values[law.key], errors.get(law.key, 0.0)
+        return value > law.least or not value > law.least - REFUSED * error
+
+    return [law for law in laws if may_be(law)]
+
+
+def supplying(found: Estimate) -> list[str]:
+    """Names of nonlinear laws of damping that are surely negative: they would supply energy."""
+    errors, values = found.standard_errors, found.model.coefficients
+    names = [n for n in errors if n.startswith("c_") and not n.startswith("c_linear")]
+    return [n for n in names if errors[n] and values[n] < -_SURE * errors[n]]
+
+
+def stand_ins(found: Estimate) -> Iterable[str]:
+    """Sentences on what has a sign that it cannot have, and so stands for another law."""
+    if (errors_off := massless(found)) > _SURE:
+        yield (
+            "the products of inertia g(...) came out as of fast modes with less than no mass, by"
+            f" {errors_off:.3g} standard errors: one that is missing, or another law, is among them"
+        )
+    names = supplying(found)
+    if not names:
+        return
+    errors, values = found.standard_errors, found.model.coefficients
+    least = min(abs(values[n]) / errors[n] for n in names)
+    yield (
+        f"{listed(names)} came out negative, by {least:.3g} standard errors: by itself it would"
+        " supply energy, as a flow does; or it stands for a law that is not among those that were"
+        " chosen from"
+    )

@@ -2,6 +2,10 @@
 
 Fits start from the measured motion, smoothed (`romsindy.fit.kernel.gauss_newton`), so that the
 phase is never a cycle off, and end with exact motions (`romsindy.fit.kernel.shooting`).
+
+Vibrations of several coordinates that ring near a ratio of small whole numbers.
+
+Read off the tones of the records, never put in: no fit asks for a ratio.
 """
 
 from __future__ import annotations
@@ -17,7 +21,6 @@ from threadpoolctl import threadpool_limits
 from romsindy.effects.base import Effect
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.adequacy.decays import examine
 from romsindy.fit.adequacy.independence import (
     Independence,
     examine_forced,
@@ -27,30 +30,75 @@ from romsindy.fit.adequacy.independence import (
     settled,
     told,
 )
-from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy
+from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy, examine
 from romsindy.fit.choice import Linearised, counting_choice
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import coloured_covariance, fit
 from romsindy.fit.kernel.hypothesis import free_parts, laws_in, with_memories
 from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.kernel.part import Part, Solution, extended
-from romsindy.fit.kernel.pieces import fit_growing, fit_pieces, lengths, moved
-from romsindy.fit.kernel.prepared import Prepared, record_notes
-from romsindy.fit.kernel.shooting import TOLERANCE, resimulated, shoot
-from romsindy.fit.records.mode_shape import CurvedShape, Offset
-from romsindy.fit.records.resonance import resonance_notes, resonances_in
-from romsindy.fit.results.curve import checked_coordinate
-from romsindy.fit.results.estimate import Estimate
-from romsindy.fit.results.predict import Sensors
+from romsindy.fit.kernel.prepared import Prepared, one_a_decay, record_notes
+from romsindy.fit.kernel.shooting import (
+    TOLERANCE,
+    fit_growing,
+    fit_pieces,
+    lengths,
+    moved,
+    resimulated,
+    shoot,
+)
+from romsindy.fit.records.coupled import CurvedShape, Offset
+from romsindy.fit.results.estimate import Estimate, checked_coordinate
+from romsindy.fit.results.predict import Forecast, Sensors
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import input_in
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
-from romsindy.record.vibrations import Resonance
-from romsindy.text import with_error
+from romsindy.record.vibrations import Resonance, resonances_of
+from romsindy.text import quantity, with_error
 from romsindy.typing import Array
+
+
+def resonances_in(records: Sequence[Prepared]) -> tuple[Resonance, ...]:
+    """Pairs of modes, counted from 0 by frequency, where they come nearest to p : q in any record.
+
+    Empty for records of one coordinate.
+    """
+    several = one_a_decay(records)
+    if not several:
+        return ()
+    by_frequency = np.argsort([np.median(tone.frequency) for tone in several[0].tones])
+    nearest: dict[tuple[int, int, int, int], Resonance] = {}
+    for record in several:
+        for r in resonances_of([record.tones[i] for i in by_frequency], record.derivative):
+            pair = (r.lower, r.higher, r.p, r.q)
+            nearest[pair] = min(nearest.get(pair, r), r, key=lambda x: x.off)
+    return tuple(nearest[pair] for pair in sorted(nearest))
+
+
+def resonance_notes(model: Equations, records: Sequence[Prepared]) -> list[str]:
+    """A sentence for each of them."""
+    return [
+        f"modes {r.lower + 1} and {r.higher + 1} ring at {r.p}:{r.q} (ratio {r.ratio:.4g} at"
+        f" {quantity(r.amplitude, model.unit or '[q]')})"
+        f"{'' if _couples(model, r) else ', but no term of the model couples them'}"
+        for r in resonances_in(records)
+    ]
+
+
+def _couples(model: Equations, resonance: Resonance) -> bool:
+    """Whether the equation of one coordinate holds the other, in a motion of both."""
+    main = np.argmax(np.abs(model.linear_modes[1]), axis=0)
+    i, j = main[resonance.lower], main[resonance.higher]
+    moving = np.ones(model.n_coordinates)
+    return any(
+        slope[i, j] or slope[j, i]
+        for slope in model.residual_and_slopes(moving, moving, moving)[1:]
+    )
+
 
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
@@ -446,3 +494,128 @@ def with_choice_error(fit: Fit, every: Linearised) -> Fit:
     """
     covariance, notes = counting_choice(fit.free, fit.covariance, every)
     return replace(fit, covariance=covariance, notes=(*fit.notes, *notes))
+
+
+_STATE = 50  # samples, from which the state is read at which a prediction starts
+_LEAST = 8  # samples that are predicted
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The end of a record, and its prediction."""
+
+    vibration: ForcedVibration
+    forecast: Forecast  # with its 95 % band; nan where the model has no motion that long
+
+    @classmethod
+    def of(cls, fit: Estimate, vibration: ForcedVibration) -> HeldOut:
+        """Predict it, from the state that its first samples show."""
+        try:
+            return cls(vibration, fit.forecast(vibration, _STATE))
+        except TrajectoryError:
+            nothing = np.full_like(vibration.y, np.nan)
+            return cls(vibration, Forecast(nothing, nothing, nothing, ()))
+
+    @property
+    def missed(self) -> Array:
+        """Measured minus predicted."""
+        return self.vibration.y - self.forecast.value
+
+    @property
+    def held(self) -> float:
+        """Part of the samples after these that lie in the band."""
+        y, (_, low, high, _) = self.vibration.y, self.forecast
+        return float(np.mean(((low <= y) & (y <= high))[_STATE:]))
+
+    @property
+    def error(self) -> float:
+        """Rms of what is missed after the samples that gave the state."""
+        return float(np.sqrt(np.mean(self.missed[_STATE:] ** 2)))
+
+    @property
+    def part(self) -> float:
+        """The same over the standard deviation of the response there."""
+        return self.error / float(np.sqrt(np.mean(np.var(self.vibration.y[_STATE:], axis=0))))
+
+    def __str__(self) -> str:
+        v = self.vibration
+        what = f"The last {v.t[-1] - v.t[0]:.4g} s ({len(v.t)} samples) took no part in the fit: "
+        if not np.isfinite(self.error):
+            return f"{what}the model has no motion that long from their first {_STATE} samples."
+        return (
+            f"{what}predicted from their first {_STATE} samples with an error of"
+            f" {quantity(self.error, v.signal_unit)} rms, {100 * self.part:.2g} % of the response;"
+            f" {100 * self.held:.0f} % of them lie in the 95 % band."
+        )
+
+
+def without_end(
+    vibration: ForcedVibration, share: float
+) -> tuple[ForcedVibration, ForcedVibration]:
+    """The record without its end, and this end: a share of all samples.
+
+    Raises a ValueError if too few samples are left on either side.
+    """
+    n = len(vibration.t)
+    first = n - round(share * n)
+    if min(first, n - first) < _STATE + _LEAST:
+        raise ValueError(
+            f"{share:.6g} of {n} samples are {n - first}, and {first} are left: both need"
+            f" {_STATE + _LEAST} or more; hold out another share, or give a longer record"
+        )
+    return vibration.between(end=vibration.t[first - 1]), vibration.between(vibration.t[first])
+
+
+@dataclass(frozen=True, eq=False)
+class SmallVibration:
+    """One mode of small vibrations, and the vibration of the decays that is near it."""
+
+    number: int  # of the mode, by frequency, from 1
+    coordinate: int  # that it moves most, from 1
+    # Of small vibrations, Hz and without unit, with standard errors
+    frequency: float
+    frequency_std: float
+    damping_ratio: float
+    damping_ratio_std: float
+    # (n,), of the coordinate, as it was followed in all decays; unit of q
+    measured_amplitude: Array
+    measured_frequency: Array  # (n,), at these amplitudes, Hz; the other coordinates move it, too
+
+
+def small_vibrations(fit: Estimate, records: Sequence[Prepared]) -> tuple[SmallVibration, ...]:
+    """The modes of a model that was fitted to some records, by frequency."""
+    numbers = np.stack([_linear(fit.model), fit.errors_of(_linear)], axis=1)  # (2, 2, R)
+    main = np.argmax(np.abs(fit.model.linear_modes[1]), axis=0)
+    found = []
+    for i, coordinate in enumerate(main.tolist()):
+        frequency, frequency_std, ratio, ratio_std = numbers[:, :, i].ravel().tolist()
+        found.append(
+            SmallVibration(
+                i + 1,
+                coordinate + 1,
+                frequency,
+                frequency_std,
+                ratio,
+                ratio_std,
+                *_ringing(fit, records, coordinate),
+            )
+        )
+    return tuple(found)
+
+
+def _ringing(fit: Estimate, records: Sequence[Prepared], coordinate: int) -> tuple[Array, Array]:
+    """Amplitude of a coordinate, and its frequency in Hz, as followed in all decays.
+
+    Where inputs drive it, its largest displacement; its frequency is theirs.
+    """
+    ringing = one_a_decay(records)
+    if not ringing:
+        return np.array([max(map(abs, fit.reach_of(coordinate + 1)))]), np.array([np.nan])
+    tones = [(r.tones[coordinate], r) for r in ringing]
+    amplitude = [t.amplitude / (2 * np.pi * t.frequency) ** r.derivative for t, r in tones]
+    return np.concatenate(amplitude), np.concatenate([t.frequency for t, _ in tones])
+
+
+def _linear(model: Equations) -> Array:
+    """Frequencies, Hz, and damping ratios of the modes, (2, R)."""
+    return np.array([model.linear_modes[0] / (2 * np.pi), model.linear_damping_ratios])

@@ -282,7 +282,9 @@ def _slopes(
     )
     balance = HarmonicBalance(model, columns - 1)
     # The curve is about as wide as it is high in these units.
-    units = np.append(np.full(c.shape[1], np.abs(coefficients[:, 1]).max()), _width(response))
+    size = np.abs(coefficients[:, 1])
+    width = float(np.ptp(response.frequency[size >= size.max() / 2]))  # where it is large, rad/s
+    units = np.append(np.full(c.shape[1], size.max()), width)
     by_w, by_a = np.empty((n, len(terms) + 1)), np.empty((n, len(terms) + 1))
     for i, (orbit, omega) in enumerate(zip(c[..., None], response.frequency, strict=True)):
         _, by_c, by_omega = balance.linearise(orbit, float(omega))
@@ -295,12 +297,6 @@ def _slopes(
         by_w[i] = change[-1]
         by_a[i] = c[i, 1:3] @ change[1:3] / np.linalg.norm(c[i, 1:3])
     return by_w, by_a
-
-
-def _width(response: ForcedResponse) -> float:
-    """Range of frequencies in which the response is large, rad/s."""
-    size = np.abs(response.coefficients[:, 1])
-    return float(np.ptp(response.frequency[size >= size.max() / 2]))
 
 
 def _refined(columns: Array) -> Array:

@@ -21,7 +21,7 @@ from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integra
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import free_parts, laws_in
-from romsindy.fit.kernel.linear_response import nodes, respond
+from romsindy.fit.kernel.linear_response import respond
 from romsindy.fit.kernel.part import LINEAR, Coefficient, Part, Reading, Solution
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import shoot
@@ -333,7 +333,7 @@ def _spread(
 
 def _slopes(found: Simulated, motion: Trajectory) -> tuple[Array, Array]:
     """What the channels show, (c n,), and its derivatives by all values and by the state."""
-    response = respond(found.equation, motion, found.equation.by_parameter(*nodes(motion)))
+    response = respond(found.equation, motion)
     reading = found.reading(motion)
     change = found.record.in_orders(found.parts, response.samples)[..., 1:]
     return reading.shown, reading.by_all(change)

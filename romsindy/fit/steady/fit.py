@@ -31,11 +31,9 @@ from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
-from romsindy.fit.steady.balance import CHAIN, Chain, linearised
-from romsindy.fit.steady.independence import verdict_of, with_spread
-from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
+from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.fit.steady.told import between_levels, notes_on
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
@@ -127,7 +125,12 @@ class SteadyFit(Estimate):
         the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
         ``force`` is in the unit of the excitation that was fitted.
         """
-        excitation = _positive(force)
+        if np.ndim(force) or not 0 < force < np.inf:
+            raise ValueError(
+                f"force = {force!r} must be a finite positive number: the amplitude of the"
+                " excitation"
+            )
+        excitation = float(force)
         size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
         slopes = np.zeros((len(self.free) + 1, len(self.joint)))
         slopes[:-1, : len(self.free)] = np.eye(len(self.free))
@@ -155,7 +158,7 @@ class SteadyFit(Estimate):
 
     @cached_property
     def between(self) -> tuple[Array, Array]:
-        """What a further level may differ by, see `romsindy.fit.steady.told.between_levels`."""
+        """What a further level may differ by, see `between_levels`."""
         together = correlation(self.points, self.solution)
         return between_levels(self.points, self.solution, together)
 
@@ -247,7 +250,11 @@ def fit_steady(
         if value is not None and not np.isfinite(value):
             raise ValueError(f"{name} = {value!r} must be finite, or None to be fitted")
     if slope is None:
-        _require_levels(points)
+        size = np.abs(points.force)
+        if np.ptp(size) < 0.01 * size.max():
+            raise ValueError(
+                "force has one amplitude, which tells no slope of the gain: give slope=0"
+            )
     chosen, some_slope = model is None, slope is None
     if model is None:
         if fixed:
@@ -283,14 +290,6 @@ def fit_steady(
     )
 
 
-def _positive(force: float) -> float:
-    if np.ndim(force) or not 0 < force < np.inf:
-        raise ValueError(
-            f"force = {force!r} must be a finite positive number: the amplitude of the excitation"
-        )
-    return float(force)
-
-
 def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     if not isinstance(model, Equations) or model.numbered:
         raise ValueError(
@@ -307,12 +306,6 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
             " smooth below a small velocity"
         )
     return tuple(name for name in model.coefficients if name not in fixed)
-
-
-def _require_levels(points: SteadyPoints) -> None:
-    size = np.abs(points.force)
-    if np.ptp(size) < 0.01 * size.max():
-        raise ValueError("force has one amplitude, which tells no slope of the gain: give slope=0")
 
 
 def _require_lags(points: SteadyPoints) -> None:

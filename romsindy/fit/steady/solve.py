@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, measured, others_of
-from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.balance import (
+    CHAIN,
+    Chain,
+    Rows,
+    SteadyPoints,
+    known,
+    linearised,
+    measured,
+    others_of,
+)
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import starmap
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -13,18 +15,97 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
-from romsindy.record.files import choose
+from romsindy.record.files import channels, choose, text
 from romsindy.record.files.channels import read_sep005
 from romsindy.record.files.choose import input_columns, inputs_among, samples_of
-from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.kinds import reader_of
+from romsindy.record.files.columns import Column, Table, refused
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration, recorded_input
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording, part_between
+from romsindy.record.recording import QUANTITIES, Quantity, Recording, part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array
+
+Reader = Callable[[Path], Table]
+
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".lvm")
+_READERS: dict[str, Reader] = {
+    **dict.fromkeys(_TEXT, text.read),
+    **dict.fromkeys((".uff", ".unv", ".uf", ".58"), channels.read_universal),
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), channels.read_hdf),
+    **dict.fromkeys((".xlsx", ".xlsm"), text.read_xlsx),
+    ".npy": channels.read_npy,
+    ".npz": channels.read_npz,
+    ".mat": channels.read_matlab,
+    ".wav": channels.read_wav,
+    ".rpt": text.read_abaqus,
+    ".tdms": channels.read_tdms,
+}
+ENDINGS = tuple(sorted(_READERS))  # of names of files that are read
+# How a file of a kind starts. A name may lie, its content does not.
+_STARTS: tuple[tuple[bytes, Reader], ...] = (
+    (b"\x93NUMPY", channels.read_npy),
+    (b"MATLAB 5.0", channels.read_matlab),
+    (b"MATLAB 7.3", channels.read_hdf),
+    (b"\x89HDF\r\n\x1a\n", channels.read_hdf),
+    (b"RIFF", channels.read_wav),
+    (b"RIFX", channels.read_wav),
+    (b"RF64", channels.read_wav),
+    (b"TDSm", channels.read_tdms),
+    (b"LabVIEW Measurement", text.read_lvm),
+    (b"\xef\xbb\xbfLabVIEW Measurement", text.read_lvm),
+    (b"    -1\r", channels.read_universal),
+    (b"    -1\n", channels.read_universal),
+    (b"    -1  ", channels.read_universal),
+)
+_FOREIGN = {
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"GIF8": "a GIF image",
+    b"%PDF": "a PDF document",
+    b"\x1f\x8b": "packed by gzip: unpack it",
+    b"7z\xbc\xaf": "a 7z archive: unpack it",
+    b"Rar!": "a RAR archive: unpack it",
+    b"\xd0\xcf\x11\xe0": "an old Excel or Word file: save it as .xlsx or .csv",
+    b"<!doctype": "a web page, not the file itself: download that",
+    b"<html": "a web page, not the file itself: download that",
+    b"<?xml": "XML: export it as .csv",
+    b"{": "JSON: export it as .csv",
+}
+
+
+def reader_of(path: Path) -> Reader:
+    """The function that reads a file.
+
+    Raises a ValueError for an empty file, and for kinds that are not read.
+    """
+    with path.open("rb") as file:
+        start = file.read(64)
+    if not start:
+        raise ValueError(f"{path}: the file is empty")
+    for mark, what in _FOREIGN.items():
+        if start.lstrip().lower().startswith(mark.lower()):
+            raise ValueError(f"{path}: the content is {what}")
+    if start.startswith(b"PK\x03\x04"):
+        return _of_archive(path)
+    for mark, reader in _STARTS:
+        if start.startswith(mark):
+            return reader
+    if path.suffix.lower() not in _READERS:
+        raise ValueError(f"{path}: unknown kind of file {path.suffix!r}; use {', '.join(ENDINGS)}")
+    return _READERS[path.suffix.lower()]
+
+
+def _of_archive(path: Path) -> Reader:
+    with refused(path, "ZIP archive (so are .npz and .xlsx)"), zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    if any(name.startswith("xl/") for name in names):
+        return text.read_xlsx
+    if names and all(name.endswith(".npy") for name in names):
+        return channels.read_npz
+    raise ValueError(f"{path}: the content is a ZIP archive with {names[:3]}: unpack it")
+
 
 Source = str | PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 _RATES = ("q_dot", "q_ddot")
@@ -92,7 +173,9 @@ def load_recording(
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
-        return replace(part, drives=_drives(choice, start, end, part.dt))
+        own = part_between(choice.t, start, end)
+        pushed = [(c.values[own], part.dt, c.name, kind) for kind, c in choice.inputs]
+        return replace(part, drives=tuple(starmap(recorded_input, pushed)))
 
 
 def load_decay(
@@ -333,14 +416,6 @@ def _recording(
     base = units[0][0]
     given = (choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
     return Recording(*given, left_out=tuple(c.name for c in choice.rest))
-
-
-def _drives(
-    choice: _Measured, start: float | None, end: float | None, dt: float
-) -> tuple[RecordedInput, ...]:
-    """What the inputs beside a recording do within it."""
-    part = part_between(choice.t, start, end)
-    return tuple(recorded_input(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
