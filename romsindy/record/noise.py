@@ -64,8 +64,7 @@ def drift(
 def _rising(y: Array, x: Array, quiet: Array, k: Indices) -> Array:
     """Power laws of the cosine's number, as likely as each is; none if none is distinctly so."""
     # A constant is as uncertain as half a cosine would be.
-    powers = np.maximum(k, 0.5) ** np.array(_POWERS)[:, None]
-    laws = quiet[0] * _SIZES[:, None, None] / powers
+    laws = quiet[0] * _SIZES[:, None, None] / np.maximum(k, 0.5) ** np.array(_POWERS)[:, None]
     slow = slice(1, len(y) + 1)
     found = np.array([_left(y, x, (quiet + several)[:, slow])[0] for several in laws])
     gain = _left(y, x, quiet[slow])[0] - found.min()

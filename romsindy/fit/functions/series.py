@@ -138,10 +138,8 @@ class Series:
     def narrowed(self, sizes: Sizes) -> Series:
         """The same with fewer terms of some series."""
         k, r, c, d, *others = self.split(self.values)
-        kept = [x[:n] for x, n in zip((k, r, d), sizes, strict=True)]
-        return replace(
-            self, sizes=sizes, values=np.concatenate([kept[0], kept[1], c, kept[2], *others])
-        )
+        k, r, d = (x[:n] for x, n in zip((k, r, d), sizes, strict=True))
+        return replace(self, sizes=sizes, values=np.concatenate([k, r, c, d, *others]))
 
     def widened(self, forces: Sequence[Term]) -> Series:
         """The same with further forces, without strength."""
@@ -154,11 +152,9 @@ class Series:
 
         At a smoothness for the largest, quiet motions would see less friction than there is.
         """
-        if all(f.smooth for f in self.forces):
-            return self
-        speed = amplitude * self.scales.rate
-        smooth = [f if f.smooth else f.regularised(_SMOOTHING * speed) for f in self.forces]
-        return replace(self, forces=tuple(smooth))
+        speed = _SMOOTHING * amplitude * self.scales.rate
+        smooth = tuple(f if f.smooth else f.regularised(speed) for f in self.forces)
+        return self if smooth == self.forces else replace(self, forces=smooth)
 
     @cached_property
     def _functions(self) -> tuple[Array, Array]:
