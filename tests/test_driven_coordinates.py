@@ -64,7 +64,7 @@ def noisy(y, seed, level=0.01):
     return y + level * y.std(axis=0) * np.random.default_rng(seed).standard_normal(y.shape)
 
 
-def driven(seed, shapes=SHAPES, gains=(GAINS,), n=2000, size=1.0, offset=0.0, derivative=0):
+def driven(seed, shapes=SHAPES, gains=(GAINS,), n=1400, size=1.0, offset=0.0, derivative=0):
     """A record of channels with 40 dB of noise under as many multisines as there are gains."""
     forces = [multisine(seed + 50 * i, size=size) for i in range(len(gains))]
     t, y = moved(forces, gains, n)
@@ -97,7 +97,7 @@ def misses(fit, gains=(GAINS,)):
 
 @pytest.fixture(scope="module")
 def fitted():
-    record = driven(1, offset=np.array([0.02, -0.01]))
+    record = driven(1, n=2000, offset=np.array([0.02, -0.01]))
     return rs.refine(rs.CoupledModel.from_coefficients(START, unit="m"), record)
 
 
