@@ -17,9 +17,14 @@ _MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """One thread of linear algebra in every worker: workers have the cores already."""
+    """One thread of linear algebra in every worker, and memory that it keeps for its next arrays.
+
+    Workers have the cores already; arrays of some 100 kB come and go thousands of times.
+    """
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    for threshold in ("MMAP", "TRIM"):  # of glibc, bytes; others do not read it
+        os.environ.setdefault(f"MALLOC_{threshold}_THRESHOLD_", str(2**26))
 
 
 @pytest.fixture(scope="session")

@@ -118,7 +118,7 @@ def multisine(noise, duration=30.0):
 @pytest.mark.parametrize("header", ["t,a,b", "t,b,a", "t [s],x [m],ch2 [V]"])
 def test_an_input_without_a_name_is_no_free_decay(run, tmp_path, header):
     """It was told as one, or nothing said how to name the input. The command finds both."""
-    t, x, u = multisine(0.01)
+    t, x, u = multisine(0.01, 12.0)
     swapped = header == "t,b,a"  # what is sampled first may be the input
     write(tmp_path / "d.csv", t, header, *((u, x) if swapped else (x, u)))
     said = run("inspect", "d.csv").output

@@ -79,8 +79,9 @@ def test_a_diagnosis_takes_it_in_the_place_of_the_runs(run):
         (["diagnose", "--repeats", "repeat.json", "--repeats", "run0.csv"], "leave out any other"),
     ],
 )
-def test_what_is_no_repeat_is_refused(run, words, message):
-    run("repeat", *RUNS, "--save", "repeat.json")
+def test_what_is_no_repeat_is_refused(run, folder, words, message):
+    if "repeat.json" in words and not (folder / "repeat.json").exists():
+        run("repeat", *RUNS, "--save", "repeat.json")
     more = ["--measured", "run2.csv", "--model", "model.json"] if words[0] == "diagnose" else []
     result = run(*words, *more)
     assert result.exit_code == 2 and message in result.output

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -380,6 +381,7 @@ def test_what_is_refuted_on_the_beam_gives_way():
 # -- where ---------------------------------------------------------------------------------------
 
 
+@cache
 def pulled(at, mode=None):
     """What sensors read of a beam with a damper that does the same to the first mode anywhere."""
     shape = BEAM.modes(count=1).shapes[0]

@@ -116,18 +116,18 @@ def test_first_mode_swings_as_far_from_any_load():
 @pytest.mark.parametrize("seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 2))])
 def test_a_release_at_the_tip_is_no_effect(seed):
     """It was "named: nonlinear inertia", with a posterior of 1.00."""
-    decays = [pulled(SEEN, BEAM, q, 2 * seed + i, TIP) for i, q in enumerate((0.016, 0.013))]
+    decays = [pulled(SEEN, BEAM, q, 2 * seed + i, TIP, 1.5) for i, q in enumerate((0.016, 0.013))]
     report = rs.diagnose(BEAM, decays[:1], sensors=SEEN.sensors, held_out=decays[1])
     assert report.verdict == "none" and report.names == ()
     assert report.recipe == "# the beam as it was"
-    # 1 is noise alone; the standard error of its rms, and of the noise, is 2 % each.
+    # 1 is noise alone; the standard error of its rms, and of the noise, is 3 % each.
     assert max(e.after for e in report.sensor_errors) < 1.15
 
 
 def test_values_that_the_first_mode_leaves_open_are_told_by_the_second():
     """The second frequency is that of the true beam; it was 0.7 % off, with 16 times the noise."""
     truth = BEAM.with_effect(StifferBending(0.015)).with_effect(StifferSpring(-0.02))
-    decays = [pulled(SEEN, truth, q, i, TIP) for i, q in enumerate((0.016, 0.013))]
+    decays = [pulled(SEEN, truth, q, i, TIP, 1.5) for i, q in enumerate((0.016, 0.013))]
     known = {"bending_stiffness": 0.01, "spring_stiffness": 0.02, "pre_tension": 0.02}
     given = {"sensors": SEEN.sensors, "held_out": decays[1], "tolerances": known}
     report = rs.diagnose(BEAM, decays[:1], **given)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint, solve_ivp
 
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
@@ -24,13 +24,13 @@ from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0
 DT = 0.01
-T = DT * np.arange(2500)
+T = DT * np.arange(1800)
 KNOWN = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_3": CUBIC, "gain [force]": GAIN}
 FEW = (AirDrag(), Viscous(), CubicStiffness(), MoreMass())
 
 
 def sweep(t):
-    """3 to 7 Hz over 25 s, N."""
+    """3 to 7 Hz over 18 s, N."""
     return 2.0 * np.sin(2 * np.pi * (3.0 + 2.0 * t / T[-1]) * t)
 
 
@@ -53,8 +53,7 @@ def remembering(seed, law, gain=GAIN, mass=1.0, late=0.0, level=1.0, stiff=1.0, 
         own = damped * DAMPING * v + stiff * OMEGA**2 * q + CUBIC * q**3
         return [v, (push - own) / mass, rate]
 
-    options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
-    q = solve_ivp(rates, (0.0, T[-1]), (0.0, 0.0, 0.0), **options).y[0]
+    q = odeint(rates, (0.0, 0.0, 0.0), T, tfirst=True, rtol=1e-10, atol=1e-12)[:, 0]
     noise = 0.01 * q.std() * np.random.default_rng(seed).standard_normal(len(q))
     return rs.ForcedVibration(T, q + noise, level * sweep(T), unit="m", input_unit="N")
 
@@ -258,12 +257,12 @@ def test_a_force_that_remembers_is_named(name, law, truth):
 
 @pytest.mark.slow
 def test_a_difference_within_the_stated_tolerance_is_none():
-    """0.2 % of the frequency is 11 % of the response in resonance."""
+    """0.2 % of the frequency is 9.1 % of the response in resonance."""
     off = record(11, stiff=1.004)
     assert rs.diagnose(model(), off, catalogue=FEW).best.names == ("linear_frequency",)
     report = rs.diagnose(model(), off, catalogue=FEW, tolerance=0.003)
     assert report.verdict == "none" and report.left == "noise"
-    assert "11 % of the response (tolerance: 0.3 %, 5 % and 1 %)." in report.sentence
+    assert "9.1 % of the response (tolerance: 0.3 %, 5 % and 1 %)." in report.sentence
     assert report.model == report.nominal
     closer = rs.diagnose(model(), off, catalogue=FEW, tolerance=0.001)
     assert closer.verdict == "named" and closer.best.names == ("linear_frequency",)
@@ -282,7 +281,8 @@ def test_repeats_say_what_does_not_matter():
     assert rs.diagnose(model(), third, catalogue=FEW).verdict == "named"
     report = rs.diagnose(model(), third, catalogue=FEW, repeats=runs)
     assert report.verdict == "none"
-    assert report.tolerance.frequency == pytest.approx(0.002, abs=2e-5)
+    # 40 dB over 18 s: either frequency is known to 4e-5, their difference to 6e-5.
+    assert report.tolerance.frequency == pytest.approx(0.002, abs=6e-5)
     assert "repeat runs differ by 0.2 % in frequency" in report.sentence
 
 
@@ -338,8 +338,8 @@ def test_what_does_not_go_with_inputs_is_refused(right):
         rs.diagnose(model(), right, repeats=[right])
     with pytest.raises(ValueError, match="repeats holds a record twice"):
         rs.diagnose(model(), right, repeats=[right, right])
-    with pytest.raises(ValueError, match="hold 2500 and 2000 samples: cut them alike"):
-        rs.diagnose(model(), right, repeats=[right, right.between(end=19.995)])
+    with pytest.raises(ValueError, match="hold 1800 and 1500 samples: cut them alike"):
+        rs.diagnose(model(), right, repeats=[right, right.between(end=14.995)])
     with pytest.raises(ValueError, match="record 1 is the same record as an earlier one"):
         rs.diagnose(model(), right, held_out=right)
     with pytest.raises(ValueError, match="one kind at a time"):

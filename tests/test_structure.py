@@ -5,6 +5,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.io import savemat
+from scipy.optimize import brentq
 from scipy.sparse import csc_array
 from solid_decks import decks
 
@@ -119,18 +120,14 @@ def _frequency(amplitude):
 
     def back(y0):
         """What y_dot is when q is next at rest: zero on an orbit with a mirror."""
-        done = solve_ivp(rate, (0, 2), [amplitude, y0, 0, 0], events=rest, rtol=1e-10, atol=1e-12)
+        start, precise = [amplitude, y0, 0, 0], {"rtol": 1e-10, "atol": 1e-12}
+        done = solve_ivp(rate, (0, 0.5), start, "DOP853", events=rest, **precise)
         turn = next(i for i, t in enumerate(done.t_events[0]) if t > 0.1)
         return done.y_events[0][turn][3], done.t_events[0][turn]
 
-    low, high = sorted((1.5 * _held(amplitude)[1], 0.5 * _held(amplitude)[1]))
-    for _ in range(60):
-        middle = (low + high) / 2
-        if np.sign(back(middle)[0]) == np.sign(back(low)[0]):
-            low = middle
-        else:
-            high = middle
-    return np.pi / back((low + high) / 2)[1]
+    near = _held(amplitude)[1]
+    y0 = brentq(lambda y0: back(y0)[0], 1.5 * near, 0.5 * near)
+    return np.pi / back(y0)[1]
 
 
 def test_the_coordinate_can_be_what_the_mode_moves_at_a_sensor():

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import lru_cache
+
 import numpy as np
 
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import with_noise
 
-EXAMPLE_MODEL = ReducedModel.from_coefficients(
-    {
-        "omega^2": 36.0,
-        "gamma_2": 2.0,
-        "gamma_3": 9.0,
-        "Upsilon_3": 0.30,
-        "Upsilon_4": 0.05,
-        "Upsilon_5": 0.12,
-        "c_linear": 0.06,
-    },
-    unit="m",
-)
+_STIFFNESS = {"omega^2": 36.0, "gamma_2": 2.0, "gamma_3": 9.0}
+_INERTIA = {"Upsilon_3": 0.30, "Upsilon_4": 0.05, "Upsilon_5": 0.12}
+EXAMPLE_MODEL = ReducedModel.from_coefficients(_STIFFNESS | _INERTIA | {"c_linear": 0.06}, "m")
 
 
 def add_noise(decay: Decay, snr_db: float, seed: int) -> Decay:
@@ -61,7 +55,12 @@ def example_decay(
     >>> example_decay(snr_db=40, periods=5)
     <Decay: 501 samples at 95.493 Hz, 5.236 s, max |q| 1.867 m, measured displacement>
     """
+    clean = deepcopy(_clean(periods, samples))  # arrays of its own
+    return clean if snr_db is None else add_noise(clean, snr_db, seed)
+
+
+@lru_cache(maxsize=4)  # most are the same motion with other noise
+def _clean(periods: float, samples: int) -> Decay:
     period = 2 * np.pi / np.sqrt(EXAMPLE_MODEL.coefficients["omega^2"])
     t = np.arange(round(periods * samples) + 1) * period / samples
-    clean = EXAMPLE_MODEL.simulate(1.8, 0.0, t, rtol=1e-12)
-    return clean if snr_db is None else add_noise(clean, snr_db, seed)
+    return EXAMPLE_MODEL.simulate(1.8, 0.0, t, rtol=1e-12)

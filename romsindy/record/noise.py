@@ -12,7 +12,6 @@ rises towards slow frequencies (a random walk: 1/f^2), and slow lines (a tempera
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,16 +64,13 @@ def drift(
 def _rising(y: Array, x: Array, quiet: Array, k: Indices) -> Array:
     """Power laws of the cosine's number, as likely as each is; none if none is distinctly so."""
     # A constant is as uncertain as half a cosine would be.
-    laws = [
-        quiet[0] * size / np.maximum(k, 0.5) ** power
-        for size, power in itertools.product(_SIZES, _POWERS)
-    ]
+    laws = quiet[0] * _SIZES[:, None, None] / np.maximum(k, 0.5) ** np.array(_POWERS)[:, None]
     slow = slice(1, len(y) + 1)
-    found = [_left(y, x, (quiet + law)[slow])[0] for law in laws]
-    gain = _left(y, x, quiet[slow])[0] - min(found)
+    found = np.array([_left(y, x, (quiet + several)[:, slow])[0] for several in laws])
+    gain = _left(y, x, quiet[slow])[0] - found.min()
     if gain < chi2.isf(_CHANCE, 2):
         return np.zeros(len(k))
-    return np.average(laws, axis=0, weights=np.exp(-0.5 * (np.array(found) - min(found))))
+    return np.average(laws, axis=(0, 1), weights=np.exp(-0.5 * (found - found.min())))
 
 
 def _lines(y: Array, x: Array, variance: Array, slowest: int) -> Array:
@@ -96,18 +92,19 @@ def _lines(y: Array, x: Array, variance: Array, slowest: int) -> Array:
     return lines
 
 
-def _left(y: Array, x: Array, variance: Array) -> tuple[float, Array, Array]:
-    """Fit y = x b + noise.
+def _left(y: Array, x: Array, variance: Array) -> tuple[Array, Array, Array]:
+    """Fit y = x b + noise, for each variance (..., n).
 
     Minus twice the restricted log-likelihood, what is left over the noise, and the share of it that
     the fit leaves.
     """
     weight = 1 / np.sqrt(variance)
-    q, r = np.linalg.qr(x * weight[:, None])
+    q, r = np.linalg.qr(x * weight[..., None])
     left = y * weight
-    left = left - q @ (q.T @ left)
-    surprise = np.log(variance).sum() + 2 * np.log(np.abs(np.diag(r)) + 1e-300).sum() + left @ left
-    return float(surprise), left, np.maximum(1 - np.sum(q**2, axis=1), 1e-3)
+    left = left - (q @ (q.swapaxes(-1, -2) @ left[..., None]))[..., 0]
+    scales = np.abs(np.diagonal(r, axis1=-2, axis2=-1)) + 1e-300
+    surprise = np.log(variance).sum(-1) + 2 * np.log(scales).sum(-1) + np.sum(left**2, axis=-1)
+    return surprise, left, np.maximum(1 - np.sum(q**2, axis=-1), 1e-3)
 
 
 # Where the noise is 30 dB below its mean (beyond a filter), all that is known is that it is quiet:

@@ -138,10 +138,8 @@ class Series:
     def narrowed(self, sizes: Sizes) -> Series:
         """The same with fewer terms of some series."""
         k, r, c, d, *others = self.split(self.values)
-        kept = [x[:n] for x, n in zip((k, r, d), sizes, strict=True)]
-        return replace(
-            self, sizes=sizes, values=np.concatenate([kept[0], kept[1], c, kept[2], *others])
-        )
+        k, r, d = (x[:n] for x, n in zip((k, r, d), sizes, strict=True))
+        return replace(self, sizes=sizes, values=np.concatenate([k, r, c, d, *others]))
 
     def widened(self, forces: Sequence[Term]) -> Series:
         """The same with further forces, without strength."""
@@ -154,19 +152,25 @@ class Series:
 
         At a smoothness for the largest, quiet motions would see less friction than there is.
         """
-        speed = amplitude * self.scales.rate
-        smooth = [f if f.smooth else f.regularised(_SMOOTHING * speed) for f in self.forces]
-        return replace(self, forces=tuple(smooth))
+        speed = _SMOOTHING * amplitude * self.scales.rate
+        smooth = tuple(f if f.smooth else f.regularised(speed) for f in self.forces)
+        return self if smooth == self.forces else replace(self, forces=smooth)
 
     @cached_property
-    def _functions(self) -> tuple[Array, Array, Array]:
-        """Chebyshev coefficients of K, h and D over z."""
+    def _functions(self) -> tuple[Array, Array]:
+        """Chebyshev coefficients over z of K, K', h, h', h'', D and D', as columns, and scales."""
         (reach, rate, decay), (k, r, c, d, *_) = self.scales, self.split(self.values)
         stiffness = rate**2 * reach * chebyshev.chebmul(k, [0, 1])
         inertia = chebyshev.chebmul(r, [0.5, 0, 0.5]) if len(r) else np.zeros(1)
         follows = chebyshev.chebadd(c * inertia, c)
         rest = chebyshev.chebmul(d, [0, 1]) if len(d) else np.zeros(1)
-        return stiffness, inertia, decay * chebyshev.chebadd(follows, rest)
+        damping = decay * chebyshev.chebadd(follows, rest)
+        functions = ((stiffness, 2), (inertia, 3), (damping, 2))
+        several = [chebyshev.chebder(c, i) for c, n in functions for i in range(n)]
+        table = np.zeros((max(map(len, several)), 7))
+        for column, c in zip(table.T, several, strict=True):
+            column[: len(c)] = c
+        return table, reach ** np.array([[0], [1], [0], [1], [2], [0], [1]])
 
     @cached_property
     def _unit_forces(self) -> list[float]:
@@ -180,19 +184,12 @@ class Series:
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual (n, 1) and its derivatives (n, 1, 1)."""
         q, v, a = q[:, 0], q_dot[:, 0], q_ddot[:, 0]
-        reach = self.scales.reach
-        z = q / reach
-
-        def at(c: Array, order: int) -> Array:
-            return np.asarray(chebyshev.chebval(z, chebyshev.chebder(c, order))) / reach**order
-
-        stiffness, inertia, damping = self._functions
-        mass, convection = 1 + at(inertia, 0), at(inertia, 1) / 2
-        d = at(damping, 0)
-        residual = mass * a + convection * v * v + at(stiffness, 0) + d * v
-        by_q = (
-            2 * convection * a + at(inertia, 2) / 2 * v * v + at(stiffness, 1) + at(damping, 1) * v
-        )
+        table, scales = self._functions
+        every = chebyshev.chebval(q / self.scales.reach, table) / scales
+        stiffness, slope, inertia, gradient, curvature, d, by_place = every
+        mass, convection = 1 + inertia, gradient / 2
+        residual = mass * a + convection * v * v + stiffness + d * v
+        by_q = 2 * convection * a + curvature / 2 * v * v + slope + by_place * v
         by_v = 2 * convection * v + d
         strengths = self.split(self.values)[4] * self._unit_forces
         for force, strength in zip(self.forces, strengths, strict=True):
@@ -212,7 +209,7 @@ class Series:
         inertia = z * z * (t_r * (a + decay * c * v)) + (2 * z * t_r + z * z * dt_r) * (
             v * v / (2 * reach)
         )
-        mass = 1 + chebyshev.chebval(z, self._functions[1])
+        mass = 1 + chebyshev.chebval(z, self._functions[0][:, 2])
         rows = [
             rate**2 * q * polynomials[:n_k],
             inertia,

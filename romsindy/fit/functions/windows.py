@@ -161,13 +161,11 @@ def _like(tables: Sequence[Array], joined: Array) -> list[Array]:
 def _side_by_side(tables: Sequence[Array]) -> Array:
     """Rows for values, a start and the signal of each window, as rows for all starts and values."""
     k, p = len(tables), tables[0].shape[1] - 3
-    wide = []
-    for i, table in enumerate(tables):
-        rows = np.zeros((len(table), 2 * k + p + 1))
+    wide = np.zeros((sum(map(len, tables)), 2 * k + p + 1))
+    for i, (table, rows) in enumerate(zip(tables, _like(tables, wide), strict=True)):
         rows[:, 2 * i : 2 * i + 2], rows[:, 2 * k : -1] = table[:, p : p + 2], table[:, :p]
         rows[:, -1] = table[:, -1]
-        wide.append(rows)
-    return np.concatenate(wide)
+    return wide
 
 
 def linearised(

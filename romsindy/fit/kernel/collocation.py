@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import eigh
@@ -22,7 +23,7 @@ from romsindy.fit.kernel.linear_steps import (
     gains,
     inverse,
 )
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 STEPS_PER_CYCLE = 40
 # Newton's method stops when the correction of q_ddot is below this, relative to its largest.
@@ -98,6 +99,11 @@ class Grid:
         """Times of the Gauss points of steps first to last - 1, shape (last - first, 3)."""
         return self.start + self.step * (np.arange(first, last)[:, None] + NODES)
 
+    @cached_property
+    def places(self) -> tuple[Array, Indices]:
+        """Which fractions there are, few for uniform samples, and which each wanted time has."""
+        return np.unique(np.round(self.fraction, 9), return_inverse=True)
+
     def until(self, t: float) -> Grid:
         """The part of the grid whose samples are not later than t (s)."""
         place = (self.sample_step + self.fraction) * self.step
@@ -167,8 +173,7 @@ def interpolated(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Ar
     h = grid.step
     ends = np.stack([q, h * q_dot, h * h * q_ddot], axis=1).reshape(len(q), 3, -1)
     steps = np.concatenate([ends[:-1], ends[1:]], axis=1)
-    # Uniform samples share few fractions of a step: one small matrix serves all steps.
-    fractions, kind = np.unique(np.round(grid.fraction, 9), return_inverse=True)
+    fractions, kind = grid.places
     values = (_hermite(fractions, derivative) / h**derivative) @ steps
     return values[grid.sample_step, kind].reshape(-1, *q.shape[1:])
 

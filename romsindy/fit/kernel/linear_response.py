@@ -170,7 +170,7 @@ def _columns(motion: Trajectory, force: Array) -> tuple[Array, Array]:
 
 def _inside(grid: Grid, q: Array, q_dot: Array, q_ddot: Array, derivative: int) -> Array:
     h = grid.step
-    fractions, kind = np.unique(np.round(grid.fraction, 9), return_inverse=True)
+    fractions, kind = grid.places
     weights = quadrature(fractions, derivative)
     out = np.empty((len(kind), *q.shape[1:]))
     for i, theta in enumerate(fractions):
