@@ -19,9 +19,9 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.structure.arrays import KINDS, load_structure
+from romsindy.structure.cases import MARK
 from romsindy.structure.deck import Deck
 from romsindy.structure.deck_file import sensor_of, unit_names
-from romsindy.structure.store import MARK
 from romsindy.structure.structure import Structure
 from romsindy.text import as_text
 

@@ -1,22 +1,136 @@
-"""Where the shapes that a force holds come from: given with the model, or computed and kept."""
+"""Where the shapes that a force holds come from: given with the model, or computed and kept.
+
+What stands in the file of a deck is not computed again.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.sparse import csc_array
 
+from romsindy.record.files.save import whole
 from romsindy.structure.calculix import CalculiX, HeldCases, Matrices
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found, follow, of_cases
-from romsindy.structure.linear import LinearMode
-from romsindy.structure.store import CaseStore
+from romsindy.structure.linear import Basis, LinearMode
 from romsindy.text import bar
+from romsindy.typing import Array
 
 _MOST_CASES = 40
+MARK = "static cases of romsindy"  # in the file
+_SAME = 1e-12  # of a factor: so near to one that is kept it is that
+
+
+class CaseStore:
+    """Modes and static cases of a deck: in an NPZ file, or without one in memory alone.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        The file; other decks may have theirs in it too.
+    deck : Deck
+        Whose text says which entries are its own.
+
+    Raises
+    ------
+    ValueError
+        For a file that keeps no static cases: it is not overwritten.
+    """
+
+    def __init__(self, path: str | Path | None, deck: Deck) -> None:
+        self.path = None if path is None else Path(path)
+        self._key = hashlib.sha256(deck.text.encode()).hexdigest()[:16]
+        self._content: dict[str, Array] = {}
+        if self.path is not None and self.path.exists():
+            self._content = _read(self.path)
+
+    def beside(self, deck: Deck) -> CaseStore:
+        """The same for another deck: both write into one file."""
+        other = CaseStore(None, deck)
+        other.path, other._content = self.path, self._content
+        return other
+
+    def basis(self, count: int) -> Basis | None:
+        """Modes that are kept, where they are as many as asked for."""
+        if not self._has("omega") or self._get("asked") < count:
+            return None
+        data, rows, ends = (self._get(f"mass_{name}") for name in ("data", "rows", "ends"))
+        n = len(ends) - 1
+        mass = csc_array((data, rows, ends), (n, n))
+        freedoms = self._get("nodes"), self._get("directions")
+        return Basis(Matrices(None, mass, *freedoms), self._get("omega"), self._get("shapes"))
+
+    def keep_basis(self, basis: Basis, count: int) -> None:
+        """Keep modes, of which so many were asked for, with the mass.
+
+        Static cases of the deck go: a mode that has the frequency of another has no shape of its
+        own, and was another one before.
+        """
+        own = [name for name in self._content if name.startswith(self._key)]
+        for name in own:
+            del self._content[name]
+        mass = basis.known.mass
+        self._put(
+            asked=np.array(count),
+            mass_data=mass.data,
+            mass_rows=mass.indices,
+            mass_ends=mass.indptr,
+            nodes=basis.known.nodes,
+            directions=basis.known.directions,
+            omega=basis.omega,
+            shapes=basis.shapes,
+        )
+
+    def cases(self, mode: int, factors: Sequence[float]) -> HeldCases | None:
+        """Static cases of a mode at these factors, if all are kept."""
+        if not self._has(f"factors_{mode}"):
+            return None
+        kept = self._get(f"factors_{mode}")
+        near = np.abs(kept - np.array(factors)[:, None])
+        if np.any(near.min(axis=1) > _SAME * np.abs(factors)):
+            return None
+        return HeldCases(np.array(factors), self._get(f"shapes_{mode}")[np.argmin(near, axis=1)])
+
+    def keep_cases(self, mode: int, several: Sequence[HeldCases]) -> None:
+        """Keep static cases of a mode beside those that are kept; also that there is none."""
+        new = [h for h in several if self.cases(mode, h.factors.tolist()) is None]
+        if not new:
+            return
+        name = f"factors_{mode}", f"shapes_{mode}"
+        before = [tuple(self._get(n) for n in name)] if self._has(name[0]) else []
+        columns = zip(*before, *new, strict=True)
+        self._put(**{n: np.concatenate(x) for n, x in zip(name, columns, strict=True)})
+
+    def _has(self, name: str) -> bool:
+        return f"{self._key}_{name}" in self._content
+
+    def _get(self, name: str) -> Array:
+        return self._content[f"{self._key}_{name}"]
+
+    def _put(self, **arrays: Array) -> None:
+        self._content |= {f"{self._key}_{name}": x for name, x in arrays.items()}
+        if self.path is not None:
+            with whole(self.path) as new, new.open("wb") as file:
+                np.savez(file, made_by=np.bytes_(MARK), **self._content)  # type: ignore[arg-type]
+
+
+def _read(path: Path) -> dict[str, Array]:
+    try:
+        with np.load(path) as file:
+            content = dict(file)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        content = {}
+    if bytes(content.pop("made_by", b"")) != MARK.encode():
+        raise ValueError(f"store = {path} keeps no static cases: name another file, or a new one")
+    return content
 
 
 class StaticCases(Protocol):

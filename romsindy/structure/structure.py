@@ -12,7 +12,7 @@ from scipy.sparse import csc_array
 
 from romsindy.physics.validation import require_positive
 from romsindy.structure.calculix import CalculiX, HeldCases
-from romsindy.structure.cases import DeckCases, GivenCases, StaticCases
+from romsindy.structure.cases import CaseStore, DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
 from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
@@ -27,7 +27,6 @@ from romsindy.structure.simulator import (
     Units,
     member_of,
 )
-from romsindy.structure.store import CaseStore
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
