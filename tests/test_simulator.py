@@ -448,6 +448,15 @@ def test_what_explains_nothing_is_in_no_recipe():
     assert Outcome(reduced, rubbing().parts, []).or_before(["before"]).parts == rubbing().parts
 
 
+def test_where_it_is_taken_to_act_is_told_where_points_could_tell():
+    """One sensor tells no place; a simulator that offers no points has its own."""
+    usual = rubbing()
+    offers = replace(usual.seen.simulator, simulate=_Bar().simulate)
+    report = replace(usual, seen=replace(usual.seen, simulator=offers))
+    assert "Place: it is taken to act at here; sensors at several points" in report.sentence
+    assert "Place:" not in usual.sentence
+
+
 @pytest.mark.slow
 def test_a_simulator_without_a_force_has_its_equation_instead():
     def stop(t, x, v):

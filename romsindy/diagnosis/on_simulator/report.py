@@ -97,6 +97,11 @@ class SimulatorReport(StructureReport):
             added.append(f"a mass of {self.mass:.4g} kg{self._there}")
         if self.place is not None:
             lines.append(f"Place: {self.place}.")
+        elif added and self.seen.points and self.seen.acts(self.parts):
+            lines.append(
+                f"Place: it is taken to act at {self.seen.at_point}; sensors at several points"
+                " would tell where."
+            )
         lines += words.within(self.reduced.within)
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)
