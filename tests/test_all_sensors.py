@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -289,7 +290,9 @@ def test_what_a_structure_cannot_have_is_not_named_on_it_alone():
     )
 
     def asked(said, looked):
-        return Rounds._checked(SimpleNamespace(structure=beam, looked=looked), said)
+        rounds = SimpleNamespace(structure=beam, looked=looked)
+        rounds.can_have = partial(Rounds.can_have, rounds)
+        return Rounds._checked(rounds, said)
 
     both = Said("named", tuned, (tuned, hum, magnet), (tuned,))
     alone = replace(both, compared=(tuned, hum))
