@@ -176,11 +176,14 @@ def test_a_diagnosis_is_written_back_into_the_deck(folder):
     """Spring as an element, damper as a comment, modulus in its material."""
     laws = ((Stiffness(1), K), (PowerDamping(1), 3.0))
     content = _diagnosis(LawForce(laws, 1.0, 1.0, (1e-3, 1.0)), modulus=1.03, alpha=0.4)
+    content |= {"sentence": "They differ.\nMissing: a spring, 2000 +- 12.\nPlace: it acts at 3:3."}
     (folder / "d.json").write_text(json.dumps(content))
     done = _export("-o", "corrected.inp")
     assert done.exit_code == 0, done.output
     text = (folder / "corrected.inp").read_text()
     assert "no element in *DYNAMIC" in text and "modulus = 1.03" in text
+    assert "** romsindy: Missing: a spring, 2000 +- 12." in text and "They differ" not in text
+    assert "** romsindy: Place: it acts at 3:3." in text
     (card,) = Deck.load(folder / "corrected.inp").of("SPRING")
     assert float(card.data[1]) == pytest.approx(K, rel=1e-6)
 

@@ -115,6 +115,8 @@ def _deck(text: str, file: Path, given: DeckFile) -> str:
     if force is None and not changed and not mass:
         raise ValueError(f"nothing was added to the deck: the verdict is {content['verdict']!r}")
     remarks = [f"found by a diagnosis, {file}: {content['verdict']}"]
+    said = content.get("sentence", "").splitlines()
+    remarks += [line for line in said if line.startswith(("Missing: ", "Place: "))]
     remarks += [f"{n} = {v:.6g}" for n, v in changed.items()]
     if force is not None:
         remarks.append(f"force on the node, N, of x (m) and v (m/s): {force}")
