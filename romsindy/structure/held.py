@@ -17,6 +17,7 @@ no longer changes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -162,10 +163,10 @@ class HeldCurve:
                     f" {centre + half:.4g}: hold it over a larger one"
                 )
             if abs(x) <= 1:
-                terms = np.cos(orders * np.arccos(x))
+                terms = np.cos(orders * math.acos(x))
             else:
                 terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
-            k, m, m_q, s, s_q, s_qq = table @ terms
+            k, m, m_q, s, s_q, s_qq = (table @ terms).tolist()
             return k, m, m_q, s, s_q, s_qq
 
         return at

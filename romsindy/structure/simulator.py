@@ -355,28 +355,31 @@ class StructureSimulator:
     def _beside_linear(
         self, added: _Added, stiffer: float, density: float, omega2: Array, damping: Array
     ) -> Callable[[float, Array], Array]:
-        """Accelerations (m,) beside those of the linear modes, at a time and a state (2, m)."""
+        """Accelerations (m,) beside those of the linear modes, at a time and a state (2 m,)."""
         row, force, mass = added
-        phi, shape = self._shapes[: len(omega2) - 1, row], self.curve.mode.shape[row]
-        own, linear = damping[0], omega2[0]
+        m, phi = len(omega2), self._shapes[: len(omega2) - 1, row]
+        shapes, shape = phi.tolist(), float(self.curve.mode.shape[row])
+        own, linear = float(damping[0]), float(omega2[0])
         curve, units = self.curve.at_point(row), self.units
+        lifts = units.force * density
 
         def beside(t: float, y: Array) -> Array:
-            (q, *_), (q_dot, *_) = y
+            state = y.tolist()  # of these Python computes faster than numpy
+            q, q_dot, push = state[0], state[m], 0.0
             stiffness, inertia, gradient, moved, slope, curvature = curve(q)
-            push, more = 0.0, np.zeros(y.shape[1])
             if force is not None:
-                r, r_dot = y[:, 1:]
-                x = shape * q + moved + phi @ r
-                v = (shape + slope) * q_dot + phi @ r_dot
-                push = force(t, units.length * x, units.length * v) / units.force / density
-                more[1:] = phi * push
+                x, v = shape * q + moved, (shape + slope) * q_dot
+                for i, own_shape in enumerate(shapes, 1):
+                    x += own_shape * state[i]
+                    v += own_shape * state[m + i]
+                push = force(t, units.length * x, units.length * v) / lifts
             left = stiffer * stiffness + own * q_dot + gradient / 2 * q_dot**2
-            more[0] = ((shape + slope) * push - left) / inertia + linear * q + own * q_dot
+            first = ((shape + slope) * push - left) / inertia + linear * q + own * q_dot
+            more = np.array([first, *(x * push for x in shapes)])
             if mass:
                 along = np.append(shape + slope, phi)
                 lifted = np.append((shape + slope) / inertia, phi)  # by a unit of force
-                free = more - omega2 * y[0] - damping * y[1]
+                free = more - omega2 * y[:m] - damping * y[m:]
                 pulled = along @ free + curvature * q_dot**2
                 more -= mass * pulled / (1 + mass * (along @ lifted)) * lifted
             return more
@@ -405,34 +408,35 @@ def _in_time(
     constants", SIAM J. Numer. Anal. 4 (1967), doi 10.1137/0704033, of the fourth order.
     """
     parts = max(int(np.ceil((t[1] - t[0]) * np.sqrt(omega2.max()) / _TURN)), 1)
-    h = (t[1] - t[0]) / parts
+    h, m = (t[1] - t[0]) / parts, len(omega2)
     half = _propagator(omega2, damping, h / 2)
 
-    def moved(y: Array) -> Array:
-        return np.einsum("abm,bm->am", half, y)
+    def pushed(y: Array, by: Array) -> Array:
+        later = y.copy()
+        later[m:] += by
+        return later
 
-    out, y = np.empty((len(t), *start.shape)), start.copy()
-    for i, time in enumerate(t):
+    out, y = np.empty((len(t), 2 * m)), start.ravel()
+    for i, time in enumerate(t.tolist()):
         out[i] = y
         for j in range(parts if i + 1 < len(t) else 0):
-            s, k = time + j * h, np.zeros((4, *y.shape))
-            k[0, 1] = beside(s, y)
-            k[1, 1] = beside(s + h / 2, moved(y + h / 2 * k[0]))
-            middle = moved(y)
-            k[2, 1] = beside(s + h / 2, middle + h / 2 * k[1])
-            k[3, 1] = beside(s + h, moved(middle + h * k[2]))
-            later = moved(y + h / 6 * k[0]) + h / 3 * (k[1] + k[2])
-            y = moved(later) + h / 6 * k[3]
-    return out
+            s, middle = time + j * h, half @ y
+            a = beside(s, y)
+            b = beside(s + h / 2, half @ pushed(y, h / 2 * a))
+            c = beside(s + h / 2, pushed(middle, h / 2 * b))
+            d = beside(s + h, half @ pushed(middle, h * c))
+            later = half @ pushed(y, h / 6 * a)
+            y = pushed(half @ pushed(later, h / 3 * (b + c)), h / 6 * d)
+    return out.reshape(-1, 2, m)
 
 
 def _propagator(omega2: Array, damping: Array, h: float) -> Array:
-    """(2, 2, m): displacement and rate of linear modes after a time, from those before."""
+    """(2 m, 2 m): displacements and rates of linear modes after a time, from those before."""
     turned = np.sqrt(omega2 - damping**2 / 4 + 0j)
     c, s = np.cos(turned * h), np.sin(turned * h) / turned
     slow = np.exp(-damping / 2 * h)
     rows = [[c + damping / 2 * s, s], [-omega2 * s, c - damping / 2 * s]]
-    return np.real(slow * np.array(rows))
+    return np.block([[np.diag(np.real(slow * x)) for x in row] for row in rows])
 
 
 def _ringing(t: Array, start: Array, omega2: Array, damping: Array) -> Array:
