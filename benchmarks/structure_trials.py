@@ -7,6 +7,7 @@ drawn, with noise at three sensors.
 
     python benchmarks/structure_trials.py --first 700 --count 12
     python benchmarks/structure_trials.py --first 800 --count 12 --wrong   # told wrong
+    python benchmarks/structure_trials.py --first 900 --count 6 --colour 0.9  # noise with a memory
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import click
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
+from scipy.signal import lfilter
 
 import romsindy as rs
 from romsindy.structure.simulator import Damping
@@ -102,8 +104,11 @@ def hidden_of(seed: int, wrong: bool) -> Hidden:
     return Hidden(kind, node, strength, off if wrong else dict.fromkeys(_WITHIN, 1.0))
 
 
-def measured(hidden: Hidden, seed: int) -> list[rs.Decay]:
-    """Decays of the whole chain, let go from where a force holds the first sensor."""
+def measured(hidden: Hidden, seed: int, colour: float = 0.0) -> list[rs.Decay]:
+    """Decays of the whole chain, let go from where a force holds the first sensor.
+
+    Samples of the noise follow the one before by ``colour``.
+    """
     chain, row = Chain(**hidden.values), 2 * (hidden.node - 1) + 1
     mass, c, s = chain.mass, _ALPHA * chain.alpha, hidden.strength
     if hidden.kind == "mass":
@@ -135,8 +140,11 @@ def measured(hidden: Hidden, seed: int) -> list[rs.Decay]:
         y = np.concatenate([held, 0 * held])
         done = solve_ivp(moved, (0, t[-1]), y, "DOP853", t, rtol=1e-7, atol=1e-9)
         x = done.y[[2 * (n - 1) + 1 for n in _SENSORS]].T
-        noise = 10 ** (-_SNR / 20) * np.sqrt(np.mean(x**2, axis=0))
-        found.append(rs.Decay(t, x + noise * rng.standard_normal(x.shape), unit="m"))
+        size = 10 ** (-_SNR / 20) * np.sqrt(np.mean(x**2, axis=0))
+        noise = lfilter(
+            [np.sqrt(1 - colour**2)], [1, -colour], rng.standard_normal(x.shape), axis=0
+        )
+        found.append(rs.Decay(t, x + size * noise, unit="m"))
     return found
 
 
@@ -217,7 +225,8 @@ def holds(hidden: Hidden, report: Any) -> bool | None:
 @click.option("--first", default=700, show_default=True, help="Seed of the first trial.")
 @click.option("--count", default=6, show_default=True, help="Trials; six are one of each kind.")
 @click.option("--wrong", is_flag=True, help="Values are told wrong, within tolerances.")
-def main(first: int, count: int, wrong: bool) -> None:
+@click.option("--colour", default=0.0, help="Of the noise: 0 is white.")
+def main(first: int, count: int, wrong: bool, colour: float) -> None:
     """Print a line for each trial, and how many are right first, or named and wrong."""
     simulator, scores, places = told(), [], []
     stated = {"modulus": 1.0, "density": 1.0, "alpha": _ALPHA}
@@ -225,7 +234,8 @@ def main(first: int, count: int, wrong: bool) -> None:
     parameters.pop("alpha" if not wrong else "")
     for seed in range(first, first + count):
         hidden, begun = hidden_of(seed, wrong), time.process_time()
-        report = rs.diagnose(simulator, measured(hidden, seed), parameters=parameters, free=[])
+        records = measured(hidden, seed, colour)
+        report = rs.diagnose(simulator, records, parameters=parameters, free=[])
         good, there = right(hidden, report), holds(hidden, report)
         scores.append((good, report.verdict == "named" and not good))
         places += [] if there is None else [there]
