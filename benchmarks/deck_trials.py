@@ -99,7 +99,7 @@ def _node(structure: rs.Structure, x: float) -> int:
 
 def right(hidden: Hidden, report: Any) -> bool:
     """Whether the first explanation names what was hidden, or nothing where nothing was."""
-    names = set(report.reduced.best.names) if report.verdict != "none" else set()
+    names = set(report.names) if report.verdict in ("named", "ambiguous") else set()
     return names & _HIDDEN[hidden.kind][3] != set() if hidden.strength else not report.force
 
 

@@ -207,7 +207,7 @@ def told() -> Any:
 
 def right(hidden: Hidden, report: Any) -> bool:
     """Whether the first explanation names what was hidden, or nothing where nothing was."""
-    names = set(report.reduced.best.names) if report.verdict != "none" else set()
+    names = set(report.names) if report.verdict in ("named", "ambiguous") else set()
     if not hidden.strength:
         return report.force is None and not report.mass
     return names & _HIDDEN[hidden.kind][2] != set()

@@ -48,6 +48,17 @@ def test_where_all_points_do_the_same_the_first_is_kept():
     assert place.low == pytest.approx([0, 0, 0]) and place.high == pytest.approx([2, 1, 0])
 
 
+def test_points_without_a_motion_are_no_place():
+    """A law that is too strong where the structure hardly moves gives none there."""
+    at = np.array([1.3125, 0.75, 0.0])
+
+    def misfit(point, share):
+        return 1.0 + 1e4 * np.sum((PLATE[point] - at) ** 2) if PLATE[point][0] > 0.5 else np.inf
+
+    least, place = likeliest_place(PLATE, "560:3", misfit, lambda rise, least, share: rise)
+    assert place.at == pytest.approx(at, abs=0.04) and least < 20 and place.low[0] > 1.1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1201, 1205])
 def test_a_damper_and_a_mass_on_a_chain_are_found_where_they_are(seed):

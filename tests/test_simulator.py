@@ -199,9 +199,13 @@ def test_a_point_moves_with_the_coordinate_by_what_a_force_sees_there():
     assert seen.at_point == "here" and list(seen.points) == ["here", "there"]
     there = seen.at("there")
     assert there.at_point == "there" and there.scale == pytest.approx((2.0, 0.25), rel=1e-6)
-    # The same part of the mass of the coordinate is more where it moves less.
     part = Part(MoreMass(), (), np.array([[0.1]]))
     assert not simulator.takes_mass and seen.mass([part]) == 0
+    # Work at a point that moves by a quarter: k x^n does the same with 4^(n + 1) times the k.
+    there, seen = replace(there, reach=(0.1, 1.0)), replace(seen, reach=(0.1, 1.0))
+    for effect, power in ((Viscous(), 1), (AirDrag(), 2), (CubicStiffness(), 3), (MoreMass(), 1)):
+        part = Part(effect, (), np.array([[0.1]]))
+        assert there.strength([part], seen) == pytest.approx(4 ** (power + 1), rel=1e-5)
 
 
 def ring(t, omega, damping):

@@ -18,6 +18,7 @@ from romsindy.typing import Array
 
 # Parts of what all sensors are heard of, one after the other, and how many new points in each
 _LEVELS = ((0.25, 16), (0.5, 8), (1.0, 6), (1.0, 6), (1.0, 6))
+_AROUND = 8  # nearest points of the likeliest, which are tried last, until none is better
 _CLOSE = 0.01  # of the size: nearer to each other none is tried
 _ALIKE = 0.01  # a strength that differs less is the same
 _SPANS = 0.2  # of the size: along an axis on which the structure is smaller nothing is told
@@ -33,7 +34,7 @@ class PlaceOnStructure:
     high: Array  # (3,)
     extent: Array  # (3,), of the structure
     ends: tuple[str, str]  # points at the ends of the box, along its longest edge
-    # How many times as strong a mass, a spring or a damper is at either end, for the same effect
+    # How many times as strong it would be at either end, to do the same
     strengths: tuple[float, float] = (1.0, 1.0)
 
     @property
@@ -89,7 +90,15 @@ def likeliest_place(
         likely = {i for i, x in left.items() if tells(x - least, least, share) <= PLACE_RISE}
         # Between points that were tried one may be as likely.
         reach = max(float(_distance(places[near], places[[*chosen]]).max()), close)
-    best = own if own in likely else min(left, key=lambda i: left[i])
+    best = min(left, key=lambda i: left[i])
+    while True:
+        nearest = np.argsort(np.linalg.norm(places - places[best], axis=1))[1 : 1 + _AROUND]
+        left |= {i: misfit(names[i], 1.0) for i in nearest.tolist() if i not in left}
+        if left[best] <= min(left.values()):
+            break
+        best = min(left, key=lambda i: left[i])
+    likely = {i for i, x in left.items() if tells(x - left[best], left[best], 1.0) <= PLACE_RISE}
+    best = own if own in likely else best
     inside = np.flatnonzero(_distance(places, places[[*likely]]) <= reach)
     box = places[inside]
     along = box[:, int(np.argmax(np.ptp(box, axis=0)))]

@@ -98,10 +98,9 @@ class SimulatorReport(StructureReport):
         if self.place is not None:
             lines.append(f"Place: {self.place}.")
         elif added and self.seen.points and self.seen.acts(self.parts):
-            lines.append(
-                f"Place: it is taken to act at {self.seen.at_point}; sensors at several points"
-                " would tell where."
-            )
+            few = len(self.seen.shape) == 1
+            why = "sensors at several points would tell where" if few else "no other was found"
+            lines.append(f"Place: it is taken to act at {self.seen.at_point}; {why}.")
         lines += words.within(self.reduced.within)
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)

@@ -47,6 +47,7 @@ _FARTHER, _RUNAWAY = 1.15, 2.0
 _ECHOES = 3  # times that other modes are followed from the latest to the earliest release
 _TIGHT = 1e-9
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
+_INSIDE = 0.5  # of the largest motion: there the strengths of laws are compared
 _PART, _SPLINE = 10, 60  # of a simulated decay tells how far a point moves, and samples at least
 
 
@@ -204,6 +205,16 @@ class OnSimulator:
         added = (p for p in self.with_effects(parts) if isinstance(p.effect, MoreMass))
         share = sum(float(p.strengths[0, 0]) for p in added)
         return share and share * self.scale.mass / self.scale.per_q**2  # type: ignore[union-attr]
+
+    def strength(self, parts: Sequence[Part], other: OnSimulator) -> float:
+        """How strong what acts is at its point, over what does the same at that of another one."""
+        assert self.scale is not None and other.scale is not None  # something acts
+        ratio = other.scale.per_q / self.scale.per_q
+        force, same = self.force(parts), other.force(parts)
+        x, v = (_INSIDE * min(1.0, abs(ratio)) * abs(self.scale.per_q) * r for r in self.reach)
+        if force is None or same is None or not same(0.0, x, v):
+            return ratio**2
+        return force(0.0, x, v) / same(0.0, x, v)
 
     def acts(self, parts: Sequence[Part]) -> bool:
         """Whether some parts are at the point."""

@@ -234,12 +234,15 @@ class SimulatorRounds(Rounds):
         read, here = [self._read(i) for i in range(self.n_training)], self.structure
         left = {frozenset[str](): self._left(read, [self._without(*x) for x in enumerate(read)])}
         places: dict[Names, PlaceOnStructure | None] = {}
+        there: dict[Names, tuple[Part, ...]] = {}
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             parts = here.with_effects(h.parts)
             if h.names == found.report.best.names:
                 parts = found.parts
-            left[names_of(h)], places[names_of(h)] = self._anywhere(read, parts)
+            name = names_of(h)
+            left[name], places[name] = self._anywhere(read, parts)
+            there[name] = parts
         least = min(left.values())
         noise = noise_of(least, read)
         best = min(places, key=lambda names: left[names])
@@ -247,16 +250,10 @@ class SimulatorRounds(Rounds):
         if self.place is not None:
             if self.place.point != here.at_point:
                 self.structure = here.at(self.place.point)
-            self.place = replace(self.place, strengths=self._strengths(self.place))
+            ends = [self.structure.at(end) for end in self.place.ends]
+            low, high = (e.strength(there[best], self.structure) for e in ends)
+            self.place = replace(self.place, strengths=(low, high))
         return {names: tells(x - least, least, noise) for names, x in left.items()}
-
-    def _strengths(self, place: PlaceOnStructure) -> tuple[float, float]:
-        """How strong a mass, spring or damper is at the ends of a place, over that where it is."""
-        moved = [self.structure.at(end).scale for end in place.ends]
-        own = self.structure.scale
-        assert own is not None  # it acts at a point
-        low, high = ((own.per_q / m.per_q) ** 2 for m in moved if m is not None)
-        return low, high
 
     def _anywhere(
         self, read: Sequence[Readings], parts: tuple[Part, ...]
@@ -266,7 +263,13 @@ class SimulatorRounds(Rounds):
 
         def misfit(point: str, share: float = 1.0) -> float:
             there, part = here if point == here.at_point else here.at(point), heard(share)
-            return self._left(part, [self._motion(i, parts, r, there) for i, r in enumerate(part)])
+            try:
+                motions = [self._motion(i, parts, r, there) for i, r in enumerate(part)]
+            except here.failures:
+                if there is here:
+                    raise
+                return np.inf  # where it moves least, a law would be too strong for any motion
+            return self._left(part, motions)
 
         def heard(share: float) -> list[Readings]:
             return [r.part(share) for r in read]
