@@ -160,7 +160,7 @@ class SimulatorRounds(Rounds):
             report, before = found.report, self.structure
             asked = self.near(report, _MOST)
             said = bool(report.best.effects) and report.verdict != "none"
-            if found.trouble or not said or (len(asked) < 2 and not before.points):
+            if found.trouble or not said or len(asked) < (1 if before.points else 2):
                 break
             if self.options.over:
                 return found._replace(report=replace(report, interrupted=True))
