@@ -193,11 +193,6 @@ class StructureSimulator:
         return ("modulus", "density", *Damping._fields, *self.parts)
 
     @property
-    def values(self) -> dict[str, float]:
-        """Values of parts as the deck has them."""
-        return {name: v.assumed for name, v in self.parts.items()}
-
-    @property
     def steps(self) -> dict[str, float]:
         """By how much values change that are zero in the deck."""
         return {name: v.scale for name, v in self.parts.items() if v.scale}

@@ -292,6 +292,12 @@ class SimulatorRounds(Rounds):
         own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
         return Readings.of(record, own, self.calm[i], self.options.floor)
 
+    def place_of(self, parts: Sequence[Part]) -> PlaceOnStructure | None:
+        """The place of what acts at a point, where it is the one that was found."""
+        there = self.structure
+        known = self.place is not None and self.place.point == there.at_point
+        return self.place if known and there.acts(parts) else None
+
     def _without(self, i: int, read: Readings) -> Array:
         """What the sensors read of the simulator as it is, along the first mode as measured."""
         motion, smooth = self._motion(i, (), read, self.structure), self.smooth[i]

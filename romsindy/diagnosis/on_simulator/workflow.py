@@ -107,7 +107,7 @@ def diagnose_simulator(
         trouble=found.trouble,
         seen=on,
         missed=known.missed,
-        place=rounds.place if on.acts(found.parts) else None,
+        place=rounds.place_of(found.parts),
     )
     if report.not_there or report.trouble:  # the simulator is what it was
         return replace(report, parts=())
