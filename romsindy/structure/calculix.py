@@ -25,6 +25,7 @@ from romsindy.typing import Array
 _SET = "ROMSINDY_FREE"
 _PER_LINE = 16  # entries in a line of a deck, at most
 _MATRICES = "*STEP\n*FREQUENCY,SOLVER=MATRIXSTORAGE\n*END STEP\n"
+_TANGENT = _MATRICES.replace("*STEP", "*STEP,PERTURBATION", 1)
 # The default of 0.5 % of the mean force is far above what a fit can bear.
 _HELD = (
     "*STEP,NLGEOM,INC=1000\n*STATIC\n1.,1.\n*CONTROLS,PARAMETERS=FIELD\n1e-7,1e-6\n"
@@ -119,6 +120,16 @@ class CalculiX:
             job.run(may_end=True)
             shapes = [x for step, x in _printed(job.read(".dat"), known) if step <= len(factors)]
         return HeldCases(np.array(factors[: len(shapes)]), np.reshape(shapes, (-1, len(load))))
+
+    def tangent(self, deck: Deck, known: Matrices, load: Array) -> csc_array:
+        """Stiffness of the free freedoms (n, n) about the shape that a load (n,) holds.
+
+        Raises a DeckError where CalculiX finds no such shape.
+        """
+        text = deck.text + _node_set(known.nodes) + _step(known, load) + _TANGENT
+        with self._job("tangent", text) as job:
+            job.run()
+            return _symmetric(job.path(".sti"), len(load))
 
     @contextmanager
     def _job(self, name: str, text: str) -> Iterator[_Job]:

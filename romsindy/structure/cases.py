@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -19,8 +19,9 @@ from scipy.sparse import csc_array
 from romsindy.record.files.save import whole
 from romsindy.structure.calculix import CalculiX, HeldCases, Matrices
 from romsindy.structure.deck import Deck
-from romsindy.structure.held import Found, follow, of_cases
+from romsindy.structure.held import Found, HeldCurve, follow, of_cases
 from romsindy.structure.linear import Basis, LinearMode
+from romsindy.structure.ringing import Compliance, compliance, evenly
 from romsindy.text import bar
 from romsindy.typing import Array
 
@@ -109,6 +110,20 @@ class CaseStore:
         columns = zip(*before, *new, strict=True)
         self._put(**{n: np.concatenate(x) for n, x in zip(name, columns, strict=True)})
 
+    def compliance(self, mode: int, factors: Array, shapes: Array) -> Array | None:
+        """What loads of these modes do at these factors of a mode, if it is kept."""
+        names = [f"compliance_{mode}_{x}" for x in ("factors", "of", "shapes")]
+        if not all(self._has(n) for n in names):
+            return None
+        given, of, found = (self._get(n) for n in names)
+        same = of.shape == shapes.shape and np.array_equal(of, shapes)
+        return found if same and np.allclose(given, factors, rtol=_SAME, atol=0.0) else None
+
+    def keep_compliance(self, mode: int, factors: Array, shapes: Array, found: Array) -> None:
+        """Keep it."""
+        known = {"factors": factors, "of": shapes, "shapes": found}
+        self._put(**{f"compliance_{mode}_{name}": x for name, x in known.items()})
+
     def _has(self, name: str) -> bool:
         return f"{self._key}_{name}" in self._content
 
@@ -140,12 +155,17 @@ class StaticCases(Protocol):
         """Shapes along a mode, as far as its loudest freedom is moved by ``reach``."""
         ...
 
+    def compliance(self, curve: HeldCurve, shapes: Array) -> Compliance | None:
+        """What loads M phi of modes (k, n), the first that of the curve, do along it, if known."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class GivenCases:
     """Cases that came with the model, by number of the mode."""
 
     given: Mapping[int, HeldCases]
+    tangents: Mapping[int, Sequence[csc_array]] = field(default_factory=dict)  # at each of them
 
     def curve(self, mode: LinearMode, reach: float | None, tolerance: float) -> Found:
         """The curve through all of them; neither reach nor tolerance can be asked for."""
@@ -159,6 +179,15 @@ class GivenCases:
                 f"reach = {reach} cannot be asked of cases that are given: leave it out"
             )
         return of_cases(mode, self.given[mode.number])
+
+    def compliance(self, curve: HeldCurve, shapes: Array) -> Compliance | None:
+        """Where tangents were given with the cases."""
+        given = self.tangents.get(curve.mode.number)
+        if given is None:
+            return None
+        return Compliance(
+            curve.at, np.array([compliance(k, curve.mode.mass, shapes) for k in given])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +218,21 @@ class DeckCases:
                 return [held.reached for held in several]
 
             return follow(hold, mode, reach, tolerance, _MOST_CASES)
+
+    def compliance(self, curve: HeldCurve, shapes: Array) -> Compliance:
+        """By CalculiX at some shapes along the curve, or kept."""
+        at, mode = evenly(curve), curve.mode
+        factors = curve.force_at(at)
+        kept = self.store.compliance(mode.number, factors, shapes)
+        if kept is None:
+            tasks = (delayed(self._compliance)(mode, f, shapes) for f in factors)
+            kept = np.array(Parallel(n_jobs=self.n_jobs, backend="threading")(tasks))
+            self.store.keep_compliance(mode.number, factors, shapes, kept)
+        return Compliance(at, kept)
+
+    def _compliance(self, mode: LinearMode, factor: float, shapes: Array) -> Array:
+        tangent = self.program.tangent(self.deck, self.known, factor * mode.momentum)
+        return compliance(tangent, mode.mass, shapes)
 
     def _held(self, mode: LinearMode, factors: Sequence[float]) -> HeldCases:
         """Shapes at some factors, kept or computed; nan where there is none."""

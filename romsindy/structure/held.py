@@ -17,7 +17,6 @@ no longer changes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,8 +29,6 @@ from romsindy.structure.calculix import HeldCases
 from romsindy.structure.linear import LinearMode
 from romsindy.typing import Array
 
-_BEYOND = 1.02  # times the range: so far what lies outside is still foretold
-_FINE = 40  # Chebyshev terms of functions of q that are asked one by one: twice the order
 _GRID = 101  # points at which functions of q are compared, and fitted
 _LEVELS = (4, 8, 16, 32)  # Chebyshev intervals over the range
 _FIRST = 0.25  # of the range: the first case, taken from the linear stiffness
@@ -48,7 +45,6 @@ _HALF = 0.5  # of the linear stiffness, or twice, is that of the smallest case
 _AS_WELL, _ROUNDING = 1.5, 1e-9
 _BESIDE = 0.1  # of a tolerance is enough for the inertia, as a part of the mass
 
-PointValues = tuple[float, float, float, float, float, float]
 Hold = Callable[[Sequence[Sequence[float]]], list[HeldCases]]
 
 
@@ -140,44 +136,6 @@ class HeldCurve:
     def shapes_at(self, q: Array) -> Array:
         """x(q) of all freedoms, (len(q), n)."""
         return np.outer(q, self.mode.shape) + self.following_at(q)
-
-    def at_point(self, row: int) -> Callable[[float], PointValues]:
-        """K, 1 + h, h', and what follows at a freedom with two slopes, of one q after the other.
-
-        They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
-        The function raises a ValueError for a q beyond the range.
-        """
-        q = self._centre + self._half * np.cos(np.pi * (np.arange(_FINE) + 0.5) / _FINE)
-        slope = self.following_at(q, slope=True)[:, row]
-        columns = [self.force_at(q), self.inertia_at(q), self.following_at(q)[:, row], slope]
-        fitted = chebyshev.chebfit((q - self._centre) / self._half, np.array(columns).T, _FINE - 1)
-        slopes = [np.append(chebyshev.chebder(c) / self._half, 0.0) for c in fitted.T[[1, 3]]]
-        table = np.vstack([fitted.T[:2], slopes[0], fitted.T[2:], slopes[1]])
-        centre, half, orders = self._centre, self._half, np.arange(_FINE)
-
-        def at(q: float) -> PointValues:
-            x = (q - centre) / half
-            if not abs(x) < _BEYOND:
-                raise ValueError(
-                    f"the motion leaves the range that was held, q = {centre - half:.4g} to"
-                    f" {centre + half:.4g}: hold it over a larger one"
-                )
-            if abs(x) <= 1:
-                terms = np.cos(orders * math.acos(x))
-            else:
-                terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
-            k, m, m_q, s, s_q, s_qq = (table @ terms).tolist()
-            return k, m, m_q, s, s_q, s_qq
-
-        return at
-
-    @property
-    def _centre(self) -> float:
-        return sum(self.range) / 2
-
-    @property
-    def _half(self) -> float:
-        return (self.range[1] - self.range[0]) / 2
 
     @cached_property
     def force(self) -> Array:

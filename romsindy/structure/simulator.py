@@ -1,12 +1,12 @@
-"""A structure as a simulator of free decays: one mode with all that follows it, the others linear.
+"""A structure as a simulator of free decays: one mode with all that follows it, and others beside.
 
-With q of the mode that was held, and r_j of modes that only ring:
+With q of the mode that was held, a of modes that ring, and r = a - s(q) (see `ringing`):
 
-    (1 + h) q'' + h'/2 q'^2 + K(q) + 2 zeta omega q' = x_p'(q) f
-    r_j'' + 2 zeta omega_j r_j' + omega_j^2 r_j = phi_j,p f
-    x_s = x_s(q) + sum_j phi_j,s r_j
+    m q'' + m'/2 q'^2 + K - s'^T W r + r^T W' r / 2 + (2 zeta omega + alpha (m - 1)) q' = x_q f
+    a'' + 2 zeta omega a' + W r = psi_p f
+    x_q = x_p' - psi_p^T s' + psi_p'^T r
 
-at sensors s, under a force f at a point p; a mass there adds the force -m x_p''.
+with m = 1 + h - s'^T s', under a force f at a point p; a mass there adds the force -m_p x_p''.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from scipy.sparse import csc_array
 from romsindy.structure.calculix import HeldCases
 from romsindy.structure.held import HeldCurve
 from romsindy.structure.linear import LinearMode, LinearModel
+from romsindy.structure.ringing import Ringing
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
@@ -151,8 +152,6 @@ class StructureSimulator:
     ----------
     structure : LinearModel
         Its modes.
-    curve : HeldCurve
-        Shapes along the mode that is kept.
     sensors : sequence of int
         Rows of the freedoms that are measured; at the first the structure is let go.
     point : int
@@ -161,8 +160,8 @@ class StructureSimulator:
         Whether it may act elsewhere.
     damping : Damping
         Of all modes.
-    rings : sequence of int
-        Numbers of the modes that ring beside it.
+    ringing : Ringing
+        The modes that ring beside it.
     held_by : str
         What holds the structure until it is let go: a "force" at the first sensor, or the modal
         force of the "mode".
@@ -173,12 +172,11 @@ class StructureSimulator:
     """
 
     structure: LinearModel
-    curve: HeldCurve
     sensors: Sequence[int]
     point: int
     anywhere: bool
     damping: Damping
-    rings: Sequence[int]
+    ringing: Ringing
     held_by: str
     units: Units
     parts: Mapping[str, PartDecks] = field(default_factory=dict)
@@ -261,18 +259,22 @@ class StructureSimulator:
             return self._with(parts).simulate(release, t, force, point, **given)
         row = self.point if point is None else self._row(point)
         start = self._held(release / self.units.length, row, force, modulus)
-        rates = self._damping(modulus, density, self.damping._replace(**values))
-        omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
-        alone = force is None and not mass
-        m = 1 if alone else len(omega2)  # they ring by themselves
+        damping = self.damping._replace(**values)
+        omega2 = modulus / density * np.append(self.curve.omega2, self.ringing.omega2)
+        rates = np.asarray(damping.rates(np.sqrt(omega2)))
         added = _Added(row, force, mass / self.units.mass / density)
-        beside = self._beside_linear(added, modulus / density, density, omega2[:m], rates[:m])
-        y = _in_time(t, start[:, :m], omega2[:m], rates[:m], beside)
-        q, r = y[:, 0, 0], y[:, 0, 1:]
-        if alone:
-            r = _ringing(t, start[0, 1:], omega2[1:], rates[1:]).T
-        moved = self.curve.shapes_at(q)[:, self.sensors] + r @ self._shapes[:, self.sensors]
+        beside = self._beside_linear(added, modulus / density, density, omega2, rates, damping)
+        y = _in_time(t, start, omega2, rates, beside)
+        q = y[:, 0, 0]
+        r = y[:, 0, 1:] - self.ringing.rest_at(q)
+        psi = self.ringing.shapes_at(q, list(self.sensors))
+        moved = self.curve.shapes_at(q)[:, self.sensors] + np.einsum("ij,ijk->ik", r, psi)
         return np.asarray(self.units.length * moved)
+
+    @property
+    def curve(self) -> HeldCurve:
+        """Shapes along the mode that is kept."""
+        return self.ringing.curve
 
     def _with(self, parts: Mapping[str, float]) -> StructureSimulator:
         """The structure with other values of its parts."""
@@ -280,62 +282,51 @@ class StructureSimulator:
         if key not in self._between:
             if len(self._between) == _KEPT:
                 del self._between[next(iter(self._between))]
-            kept = [self.curve.mode.number - 1, *(n - 1 for n in self.rings)]
-            omega, shapes = self.structure.omega.copy(), self.structure.shapes.copy()
-            base = Member(omega[kept] ** 2, shapes[kept], self.curve)
+            ringing = self.ringing
+            kept = [self.curve.mode.number - 1, *(n - 1 for n in ringing.numbers)]
+            base = Member(self.structure.omega[kept] ** 2, self.structure.shapes[kept], self.curve)
             found = between(base, [(self.parts[name], value) for name, value in parts.items()])
-            omega[kept], shapes[kept] = np.sqrt(found.omega2), found.shapes
-            structure = replace(self.structure, omega=omega, shapes=shapes)
-            self._between[key] = replace(
-                self, structure=structure, curve=found.curve, parts={}, _between={}
-            )
+            omega2, shapes = found.omega2[1:], found.shapes[1:]
+            ringing = replace(ringing, curve=found.curve, omega2=omega2, shapes=shapes)
+            self._between[key] = replace(self, ringing=ringing, parts={}, _between={})
         return self._between[key]
 
     def _row(self, point: str) -> int:
         node, _, direction = point.rpartition(":")
         return self.structure.freedom(node, int(direction))
 
-    def _damping(self, modulus: float, density: float, damping: Damping) -> Array:
-        """2 zeta omega of the mode that is kept, and of those that ring, (1 + m,), 1/s."""
-        omega2 = modulus / density * np.append(self.curve.omega2, self._omega2)
-        return np.asarray(damping.rates(np.sqrt(omega2)))
-
-    @cached_property
-    def _shapes(self) -> Array:
-        """Shapes of the modes that ring, (m, n)."""
-        return self.structure.shapes[[n - 1 for n in self.rings]]
-
-    @cached_property
-    def _omega2(self) -> Array:
-        return np.asarray(self.structure.omega[[n - 1 for n in self.rings]] ** 2)
-
     def _held(self, release: float, point: int, force: Force | None, stiffer: float) -> Array:
         """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much.
 
         What was added at the point bends the structure as well, as far as it does so at rest.
         """
-        row, units = self.sensors[0], self.units
-        pushed, bent = self._shapes[:, [row, point]].T / self._omega2  # by a unit of force
+        row, units, ringing = self.sensors[0], self.units, self.ringing
+        both = [row, point]
 
         def rung(q: float) -> Array:
             at = np.array([q])
-            slopes = self.curve.mode.shape + self.curve.following_at(at, slope=True)[0]
-            there = float(self.curve.shapes_at(at)[0, point])
+            moved = self.curve.shapes_at(at)[0, both]
+            slopes = self.curve.mode.shape[both] + self.curve.following_at(at, slope=True)[0, both]
+            psi, turned = (ringing.shapes_at(at, both, slope=x)[0] for x in (False, True))
+            stiffness, softer = (ringing.stiffness_at(at, slope=x)[0] for x in (False, True))
+            pushed, bent = np.linalg.solve(stiffness, psi).T  # by a unit of force
             r, push = np.zeros(len(pushed)), 0.0
-            for _ in range(1 if force is None else _SETTLES):
+            for _ in range(_SETTLES):
                 if force is not None:
-                    x = there + self._shapes[:, point] @ r
-                    push = force(0.0, units.length * float(x), 0.0) / units.force / stiffer
-                size = 0.0
+                    x = float(moved[1] + psi[:, 1] @ r)
+                    push = force(0.0, units.length * x, 0.0) / units.force / stiffer
+                size, along = 0.0, slopes + r @ turned
                 if self.held_by == "force":
-                    needed = float(self.curve.force_at(at)[0]) - slopes[point] * push
-                    size = needed / slopes[row]
+                    needed = self.curve.force_at(at)[0] + r @ softer @ r / 2 - along[1] * push
+                    size = float(needed / along[0])
                 r = size * pushed + push * bent
             return np.asarray(r)
 
         def off(q: float) -> float:
-            there = self.curve.shapes_at(np.array([q]))[0, row]
-            return float(there + self._shapes[:, row] @ rung(q) - release)
+            at = np.array([q])
+            there = self.curve.shapes_at(at)[0, row]
+            psi = ringing.shapes_at(at, [row])[0, :, 0]
+            return float(there + psi @ rung(q) - release)
 
         low, high = self.curve.range
         if off(low) * off(high) > 0:
@@ -345,39 +336,51 @@ class StructureSimulator:
                 f" {ends[1]:.4g} at the first sensor: hold it over a larger one"
             )
         q = brentq(off, low, high, xtol=1e-14 * (high - low))
-        return np.stack([np.append(q, rung(q)), np.zeros(1 + len(pushed))])
+        a = ringing.rest_at(np.array([q]))[0] + rung(q)
+        return np.stack([np.append(q, a), np.zeros(1 + len(a))])
 
     def _beside_linear(
-        self, added: _Added, stiffer: float, density: float, omega2: Array, damping: Array
+        self,
+        added: _Added,
+        stiffer: float,
+        density: float,
+        omega2: Array,
+        rates: Array,
+        damping: Damping,
     ) -> Callable[[float, Array], Array]:
         """Accelerations (m,) beside those of the linear modes, at a time and a state (2 m,)."""
         row, force, mass = added
-        m, phi = len(omega2), self._shapes[: len(omega2) - 1, row]
-        shapes, shape = phi.tolist(), float(self.curve.mode.shape[row])
-        own, linear = float(damping[0]), float(omega2[0])
-        curve, units = self.curve.at_point(row), self.units
+        at_point, m, units, alpha = (
+            self.ringing.at_point(row),
+            len(omega2),
+            self.units,
+            damping.alpha,
+        )
         lifts = units.force * density
 
         def beside(t: float, y: Array) -> Array:
-            state = y.tolist()  # of these Python computes faster than numpy
-            q, q_dot, push = state[0], state[m], 0.0
-            stiffness, inertia, gradient, moved, slope, curvature = curve(q)
+            here, q_dot = at_point(float(y[0])), float(y[m])
+            r, along = y[1:m] - here.rest, np.empty(m)  # slopes of the point by all coordinates
+            along[0] = here.slope + here.psi_q @ r
+            along[1:] = here.psi
+            held = here.force + here.pull @ r + r @ here.stiffness_q @ r / 2
+            slowed = (rates[0] + alpha * (here.inertia - 1)) * q_dot
+            slow = rates * y[m:]
+            free = -slow
+            free[0] = -stiffer * held - here.inertia_q / 2 * q_dot**2 - slowed
+            free[1:] -= stiffer * (here.stiffness @ r)
             if force is not None:
-                x, v = shape * q + moved, (shape + slope) * q_dot
-                for i, own_shape in enumerate(shapes, 1):
-                    x += own_shape * state[i]
-                    v += own_shape * state[m + i]
-                push = force(t, units.length * x, units.length * v) / lifts
-            left = stiffer * stiffness + own * q_dot + gradient / 2 * q_dot**2
-            first = ((shape + slope) * push - left) / inertia + linear * q + own * q_dot
-            more = np.array([first, *(x * push for x in shapes)])
+                x, v = here.moved + here.psi @ r, along @ y[m:]
+                free += force(t, units.length * float(x), units.length * float(v)) / lifts * along
+            free[0] /= here.inertia
             if mass:
-                along = np.append(shape + slope, phi)
-                lifted = np.append((shape + slope) / inertia, phi)  # by a unit of force
-                free = more - omega2 * y[:m] - damping * y[m:]
-                pulled = along @ free + curvature * q_dot**2
-                more -= mass * pulled / (1 + mass * (along @ lifted)) * lifted
-            return more
+                lifted = along.copy()
+                lifted[0] /= here.inertia  # by a unit of force
+                turned = here.psi_q @ y[m + 1 :] - here.turned * q_dot
+                curved = here.curvature + here.psi_qq @ r
+                pulled = along @ free + curved * q_dot**2 + 2 * turned * q_dot
+                free -= mass * pulled / (1 + mass * (along @ lifted)) * lifted
+            return np.asarray(free + omega2 * y[:m] + slow)
 
         return beside
 
@@ -432,11 +435,3 @@ def _propagator(omega2: Array, damping: Array, h: float) -> Array:
     slow = np.exp(-damping / 2 * h)
     rows = [[c + damping / 2 * s, s], [-omega2 * s, c - damping / 2 * s]]
     return np.block([[np.diag(np.real(slow * x)) for x in row] for row in rows])
-
-
-def _ringing(t: Array, start: Array, omega2: Array, damping: Array) -> Array:
-    """Linear modes (m, n) that are let go at rest, at times t (n,)."""
-    turned = np.sqrt(omega2 - damping**2 / 4 + 0j)[:, None]
-    ratio = damping[:, None] / 2 / turned
-    waves = np.cos(turned * t) + ratio * np.sin(turned * t)
-    return np.real(start[:, None] * np.exp(-damping[:, None] / 2 * t) * waves)

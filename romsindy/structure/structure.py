@@ -18,6 +18,7 @@ from romsindy.structure.held import Found
 from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
 from romsindy.structure.parts import CLAMP, PART, SOFT, PartValue, softened
 from romsindy.structure.reduction import Reduction, reduced
+from romsindy.structure.ringing import Ringing
 from romsindy.structure.simulator import (
     HELD_BY,
     Damping,
@@ -30,7 +31,8 @@ from romsindy.structure.simulator import (
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
-_RING = 2  # modes that ring beside the one that is kept
+_RING, _LOWEST = 5, 2  # modes that ring beside the one that is kept, and the lowest of them
+_RUNG = 0.003  # of the mode that is kept, at a sensor: what a release rings less is noise
 _SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
 
 
@@ -162,6 +164,7 @@ class Structure(LinearModel):
         directions: Any,
         coordinates: Any = None,
         name: str = "arrays",
+        tangents: Mapping[int, Sequence[Any]] | None = None,
     ) -> Structure:
         """Make a structure of what any finite-element program can give.
 
@@ -180,6 +183,9 @@ class Structure(LinearModel):
             Node, and direction from 1 to 3, of each freedom.
         coordinates : dict, optional
             (3,) by number of the node, for pictures.
+        tangents : dict, optional
+            By number of the mode: the tangent stiffness (n, n) at each of its cases, which says how
+            other modes are stiffened along it. Without it they are as stiff as at rest.
 
         Raises
         ------
@@ -200,6 +206,15 @@ class Structure(LinearModel):
                     f" {held.shapes.shape}: give m factors, and (m, {n}) displacements"
                 )
             given[int(mode)] = held._replace(factors=signs[int(mode) - 1] * held.factors)
+        stiff = {int(m): [csc_array(k) for k in ks] for m, ks in dict(tangents or {}).items()}
+        for mode, several in stiff.items():
+            came, wanted = {k.shape for k in several}, {(n, n)}
+            count = len(given[mode].factors) if mode in given else 0
+            if len(several) != count or came != wanted:
+                raise ValueError(
+                    f"tangents[{mode}] are {len(several)} of shape {sorted(came)}: give one of"
+                    f" {(n, n)} for each of the {count} cases of the mode"
+                )
         places = {int(k): np.asarray(x, float) for k, x in dict(coordinates or {}).items()}
         return cls(
             name,
@@ -209,7 +224,7 @@ class Structure(LinearModel):
             np.asarray(nodes),
             np.asarray(directions),
             places,
-            cases=GivenCases(given),
+            cases=GivenCases(given, stiff),
         )
 
     def static_curve(
@@ -299,7 +314,8 @@ class Structure(LinearModel):
             Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
             values of the simulator, as are "modulus" and "density" over those of the model.
         rings : int
-            Number of further modes, the lowest that move a sensor, which ring linearly beside it.
+            Number of further modes that ring beside it, at most: the two lowest that move a sensor,
+            and those that a force at the first sensor bends most.
         held_by : str
             What holds the structure until it is let go: a "force" at the first sensor, or the modal
             force of the "mode".
@@ -318,15 +334,31 @@ class Structure(LinearModel):
             raise ValueError("sensors = []: say where the decays were measured, such as [(412, 3)]")
         rows = [self.freedom(*sensor) for sensor in sensors]
         acts = rows[0] if point is None else self.freedom(*point)
-        found = self.static_curve(mode, reach, tolerance)
-        seen = np.abs(self.shapes[:, rows]).max(axis=1) > _SEEN * np.abs(self.shapes).max(axis=1)
-        others = [
-            i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
-        ]
-        si, kept = units or Units(), [mode, *others[:rings]]
+        curve = self.static_curve(mode, reach, tolerance).curve
+        others = self._rung(mode, rows, rings, held_by)
+        known = self.cases.compliance(curve, self.shapes[[n - 1 for n in (mode, *others)]])
+        at = [n - 1 for n in others]
+        ringing = Ringing.of(curve, others, self.omega[at] ** 2, self.shapes[at], known)
+        si, kept = units or Units(), [mode, *others]
         parts = {name: self._between(name, kept, si, reach, tolerance) for name in values}
-        given = point is None, stated, others[:rings], held_by, si
-        return StructureSimulator(self, found.curve, rows, acts, *given, parts)
+        return StructureSimulator(
+            self, rows, acts, point is None, stated, ringing, held_by, si, parts
+        )
+
+    def _rung(self, mode: int, rows: list[int], most: int, held_by: str) -> list[int]:
+        """Numbers of the modes that ring: the lowest that sensors see, and what a release rings."""
+        seen = np.abs(self.shapes[:, rows])
+        loud = np.abs(self.shapes).max(axis=1)
+        vibrates = (self.omega > 0) & (seen.max(axis=1) > _SEEN * loud)
+        others = [i for i in np.flatnonzero(vibrates).tolist() if i + 1 != mode]
+        lowest = others[: min(_LOWEST, most)]
+        if held_by == "force":
+            bent = seen[others, :1] * seen[others] / self.omega[others, None] ** 2
+            own = seen[mode - 1, 0] * seen[mode - 1] / self.omega[mode - 1] ** 2
+            part = (bent / np.maximum(own, 1e-300)).max(axis=1)
+            rung = [i for x, i in sorted(zip(-part, others, strict=True)) if -x > _RUNG]
+            lowest += [i for i in rung if i not in lowest][: most - len(lowest)]
+        return [i + 1 for i in sorted(lowest)]
 
     def _between(
         self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
