@@ -557,8 +557,8 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool) -> None:
         report = outcome.report
         after = max((e.after for e in report.sensor_errors), default=float("nan"))
         click.echo(
-            f"{seed}  {hidden.shape}, {hidden.kind} {float(found['strength']):.4g} ({hidden.size:.3f})"
-            f" at node {found['node']}"
+            f"{seed}  {hidden.shape}, {hidden.kind} {float(found['strength']):.4g}"
+            f" ({hidden.size:.3f}) at node {found['node']}"
             f"{'' if set(hidden.values.values()) == {1.0} else ', told wrong'}  ->"
             f"  {report.verdict} {'+'.join(report.reduced.best.names) or 'nothing'};"
             f" {report.recipe.splitlines()[0] if report.recipe else ''}; place {report.place};"
@@ -570,8 +570,8 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool) -> None:
     places = [o.near for o in outcomes if o.near is not None]
     click.echo(
         f"right first {sum(o.good for o in outcomes)} of {len(outcomes)}, in the set"
-        f" {sum(o.listed for o in outcomes)}, named and wrong {sum(o.wrong for o in outcomes)}; place"
-        f" within a tenth of the size {sum(places)} of {len(places)}"
+        f" {sum(o.listed for o in outcomes)}, named and wrong"
+        f" {sum(o.wrong for o in outcomes)}; place within a tenth of the size {sum(places)} of {len(places)}"
     )
 
 

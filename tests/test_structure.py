@@ -299,6 +299,21 @@ def test_what_cannot_be_reduced_is_named_with_its_line(deck, card, words):
     assert line in (before, before + 1) and str(deck) in str(refusal.value)
 
 
+def test_plane_elements_that_have_no_section_are_left_out(deck):
+    """As gmsh writes them beside the solids, for the sets of a surface; with a section they count."""
+    solids = Deck.load(deck).text
+    line = "*ELEMENT, TYPE=CPS8, ELSET=FACE\n901,1,2,3,4,5,6,7,8\n"
+    deck.write_text(deck.read_text().replace("*MATERIAL", f"{line}*MATERIAL", 1))
+    found = Deck.load(deck)
+    assert found.text == solids
+    (note,) = found.notes
+    assert "elements CPS8 of FACE are left out: they have no section" in note and "line" in note
+    section = "*ELSET, ELSET=PANEL\n901\n*SOLID SECTION, ELSET=PANEL, MATERIAL=M\n"
+    deck.write_text(deck.read_text() + section)
+    with pytest.raises(DeckError, match="elements CPS8 cannot be reduced"):
+        Deck.load(deck)
+
+
 def test_a_deck_without_density_is_refused(deck):
     deck.write_text(deck.read_text().replace("*DENSITY\n7800.0\n", ""))
     with pytest.raises(DeckError, match=r"there is no \*DENSITY"):

@@ -27,6 +27,7 @@ _FACES = {
 }
 _CORNERS = {"4": 4, "10": 4, "6": 6, "15": 6, "8": 8, "20": 8}
 _SOLID = re.compile(r"C3D(\d+)[A-Z0-9]*$")
+_FLAT = re.compile(r"(CPS|CPE|T3D)\d")
 _POINTS = ("MASS", "SPRINGA", "SPRING1", "SPRING2")
 _SOLIDS = "use solids (C3D4 to C3D20R), masses and springs"
 _INDEPENDENT = "its matrices hold other freedoms than those of the nodes; model it without"
@@ -108,7 +109,10 @@ class Deck:
             if several < 2:
                 (step if several else model).append(card)
         supports = [c for c in step if c.name == "BOUNDARY"]
-        deck = cls(Path(path), (*model, *supports), tuple(_left_out(step)), next(iter(step), None))
+        unused = _without_section(model)
+        kept = tuple(card for card in (*model, *supports) if card not in unused)
+        notes = (*map(_said, unused), *_left_out(step))
+        deck = cls(Path(path), kept, notes, next(iter(step), None))
         deck._check()
         return deck
 
@@ -307,6 +311,30 @@ def _number(card: Card, entry: str) -> float:
         return float(entry.upper().replace("D", "E"))
     except ValueError:
         raise DeckError(f"{card.at}: *{card.name} has {entry!r} where a number stands") from None
+
+
+def _without_section(cards: Sequence[Card]) -> list[Card]:
+    """Plane and line elements that have no section: gmsh writes them of surfaces, for their sets."""
+    named = {c.parameters.get("ELSET", "").upper() for c in cards if c.name.endswith(" SECTION")}
+    members = {
+        entry
+        for c in cards
+        if c.name == "ELSET" and c.parameters.get("ELSET", "").upper() in named
+        for fields in c.fields()
+        for entry in fields
+    }
+
+    def used(card: Card) -> bool:
+        names = card.parameters.get("ELSET", "").upper() in named
+        return names or any(f[0] in members for f in card.fields())
+
+    flat = [c for c in cards if c.name == "ELEMENT" and _FLAT.match(_type(c))]
+    return [card for card in flat if not used(card)]
+
+
+def _said(card: Card) -> str:
+    of = card.parameters.get("ELSET", "no set")
+    return f"{card.at}: elements {_type(card)} of {of} are left out: they have no section"
 
 
 def _left_out(step: Sequence[Card]) -> Iterator[str]:
