@@ -81,6 +81,99 @@ def test_a_clamp_of_springs_is_as_soft_as_was_asked(arch):
     assert springs == pytest.approx([1e9 / len(deck.sets["HELD"])] * 3)
 
 
+def _places(deck):
+    return np.array([deck.nodes[n] for n in sorted(deck.nodes)])
+
+
+def _thicker(path, name, factor):
+    return PartValue("thickness", name).deck(Deck.load(path), factor)
+
+
+@pytest.mark.parametrize("layers", [1, 3])
+def test_a_thicker_arch_is_the_mesh_of_a_thicker_arch(tmp_path, layers):
+    """All nodes, also those in the middles of edges, where the mesh of that thickness has them."""
+    thin = decks.arch(tmp_path / "a.inp", 0.03, (8, 2, layers))
+    thick = decks.arch(tmp_path / "b.inp", 0.03, (8, 2, layers), thickness=0.002 * 1.07)
+    moved, expected = _places(_thicker(thin, "SOLID", 1.07)), _places(Deck.load(thick))
+    assert np.abs(moved - expected).max() < 1e-12 < np.abs(moved - _places(Deck.load(thin))).max()
+
+
+@pytest.mark.parametrize("kind", ["hexahedra", "wedges"])
+def test_a_thicker_shell_is_a_shell_of_the_same_middle_radius(tmp_path, kind):
+    """A quarter of a tube: nodes move along its radii, also those in the middles of edges."""
+    places, elements = decks.block((6, 4, 2), (np.pi / 2, 0.1, 0.004))
+    angle, r = places[:, 0], 0.098 + places[:, 2]
+    round_ = np.stack([r * np.cos(angle), places[:, 1], r * np.sin(angle)], axis=1)
+    deck = decks.write_deck(tmp_path / "t.inp", (round_, elements), [1], **decks.STEEL)
+    if kind == "wedges":  # of eight corners two halves, without nodes in the middles
+        text, halves = deck.read_text().partition("*ELEMENT")[0], []
+        for a, b, c, d, e, f, g, h in (nodes[:8] for nodes in elements):
+            halves += [(a, b, c, e, f, g), (a, c, d, e, g, h)]
+        rows = [", ".join(map(str, (i, *nodes))) for i, nodes in enumerate(halves, 1)]
+        text += "*ELEMENT, TYPE=C3D6, ELSET=SOLID\n" + "\n".join(rows) + "\n*DENSITY\n1\n"
+        deck.write_text(text)
+    moved = _places(_thicker(deck, "SOLID", 1.1))
+    used = {n for nodes in Deck.load(deck).solids.values() for n in nodes}
+    there = np.array([n in used for n in range(1, len(places) + 1)])
+    radius = np.hypot(moved[:, 0], moved[:, 2])[there]
+    assert radius == pytest.approx((0.1 + 1.1 * (r - 0.1))[there], abs=1e-12)
+    assert np.arctan2(moved[:, 2], moved[:, 0]) == pytest.approx(angle, abs=1e-10)
+
+
+def test_a_stiffener_alone_becomes_thicker(tmp_path):
+    """It is that of a thicker one; of the plate only the nodes on which it stands move."""
+    thin = decks.stiffened(tmp_path / "a.inp")
+    thick = decks.stiffened(tmp_path / "b.inp", thickness=0.0024)
+    before, after = _places(Deck.load(thin)), _places(Deck.load(thick))
+    moved = _places(_thicker(thin, "WEB", 1.2))
+    high, below = before[:, 2] > 0.002 - 1e-9, before[:, 2] < 1e-9
+    web = high & (np.abs(before[:, 1] - 0.05) < 0.0011)
+    assert np.abs(moved - after)[web].max() < 1e-12
+    others = below | (np.abs(before[:, 1] - 0.05) > 0.03)
+    assert np.array_equal(moved[others], before[others])
+    plate = _places(_thicker(thin, "SOLID", 1.1)) - before
+    assert np.abs(plate).max(axis=0) == pytest.approx([0, 0, 1e-4])
+
+
+@needs_ccx
+def test_the_frequency_of_a_strip_grows_with_its_thickness(tmp_path):
+    """It is that of a fresh mesh of the thickness; so is the mass."""
+    thin = rs.Structure.from_calculix(decks.cantilever(tmp_path / "a.inp"), progress=False)
+    fresh = decks.cantilever(tmp_path / "b.inp", thickness=0.01 * 1.06)
+    fresh = rs.Structure.from_calculix(fresh, progress=False)
+    moved = thin.varied("thickness of SOLID", 1.06)
+    assert moved.omega[0] == pytest.approx(fresh.omega[0], rel=1e-6)
+    # Shear bends a strip of a hundred thicknesses by 1e-4 more.
+    assert moved.omega[0] == pytest.approx(1.06 * thin.omega[0], rel=2e-5)
+    assert moved.mass.sum() == pytest.approx(1.06 * thin.mass.sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size", "name", "factor", "words"),
+    [
+        ((0.1, 0.1, 0.1), "SOLID", 1.1, "only 1 times as wide as thick"),
+        ((0.3, 0.01, 0.01), "SOLID", 1.1, "only 1 times as wide as thick"),
+        ((0.3, 0.02, 0.002), "TIP", 1.1, "no set of solids has that name: there are SOLID"),
+        ((0.3, 0.02, 0.002), "SOLID", -0.1, "must be positive"),
+    ],
+)
+def test_what_has_no_thickness_is_refused(tmp_path, size, name, factor, words):
+    deck = decks.write_deck(tmp_path / "a.inp", decks.block((3, 2, 2), size), [1], **decks.STEEL)
+    with pytest.raises(ValueError, match=words):
+        _thicker(deck, name, factor)
+
+
+def test_parts_of_several_plates_and_tetrahedra_have_no_thickness(tmp_path):
+    deck = decks.stiffened(tmp_path / "a.inp")
+    deck.write_text(deck.read_text() + "*ELSET, ELSET=BOTH\nWEB, SOLID\n")
+    with pytest.raises(DeckError, match=r"more than one pair of broad faces .* a set of its own"):
+        _thicker(deck, "BOTH", 1.1)
+    tets = "*ELEMENT, TYPE=C3D4, ELSET=TETS\n9001, 1, 2, 3, 4\n"
+    deck.write_text(deck.read_text() + tets)
+    with pytest.raises(DeckError, match=r"element 9001 is a tetrahedron.* mesh the part with"):
+        _thicker(deck, "TETS", 1.1)
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

@@ -130,8 +130,9 @@ class Structure(LinearModel):
         ----------
         name : str
             "modulus of SET" or "density of SET", over those of the deck, of a set of elements that
-            has a section; "clamp of SET", the compliance of all nodes of a set that is held,
-            unit of length in one of force: springs hold them then.
+            has a section; "thickness of SET", the same of a set of solids, whose nodes are moved
+            from its middle surface; "clamp of SET", the compliance of all nodes of a set that is
+            held, unit of length in one of force: springs hold them then.
         value : float
             Of that.
 
@@ -144,7 +145,7 @@ class Structure(LinearModel):
         if part is None or not isinstance(own, DeckCases):
             raise ValueError(
                 f"{name!r} is no value of a part of {self.name}: a deck has such as 'modulus of"
-                " SET', 'density of SET' and 'clamp of SET'"
+                " SET', 'density of SET', 'thickness of SET' and 'clamp of SET'"
             )
         deck = part.deck(own.deck, value)
         kept = own.store.beside(deck)
