@@ -27,9 +27,10 @@ def _middle(structure):
 @pytest.mark.parametrize(
     ("name", "value", "rel"),
     [
-        # A parabola through 0.9, 1 and 1.1, which is asked between them.
-        ("modulus of root", 1.05, 2e-5),
-        ("density of root", 0.95, 2e-5),
+        # A polynomial through 0.9, 0.95, 1, 1.05 and 1.1, which is asked between them.
+        ("modulus of root", 1.07, 2e-6),
+        ("density of root", 0.97, 2e-6),
+        ("thickness of root", 1.03, 2e-6),
         # Springs at the clamp in the place of what is rigid: it first frees what is pressed
         # sideways, which no polynomial follows as closely.
         ("clamp of held", None, 2e-4),

@@ -334,7 +334,7 @@ class Structure(LinearModel):
     ) -> PartDecks:
         """Decks with other values of a part."""
         part = PartValue.of_name(name)
-        assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 - PART, 1 + PART]
+        assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 + PART * x for x in (-1, -0.5, 0.5, 1)]
         if part is not None and part.kind == CLAMP:
             mode, unit = self.mode(kept[0]), units.length / units.force
 
