@@ -7,6 +7,7 @@ from solid_decks import decks, needs_ccx
 import romsindy as rs
 from romsindy.structure.deck import Deck, DeckError
 from romsindy.structure.parts import PartValue, softened
+from romsindy.structure.simulator import Units
 
 ROOT = {"ROOT": lambda middle: middle[0] < 0.1}
 T = np.arange(0, 0.1, 2e-4)
@@ -51,6 +52,30 @@ def test_between_decks_lies_the_deck_of_a_value(arch, tmp_path, name, value, rel
     # So far a phase is off after all cycles, with the frequency by ``rel``.
     phase = structure.omega[0] * T[-1] * rel
     assert np.abs(x - expected).max() < phase * np.abs(usual).max()
+
+
+@needs_ccx
+def test_a_simulator_is_made_exact_at_values_that_are_off_together(arch, tmp_path):
+    """There it is the deck with both, and beside it nearer than the sum of what each does."""
+    structure = rs.Structure.from_calculix(arch, store=tmp_path / "s.npz", progress=False)
+    sensors, given = [(_middle(structure), 3)], {"damping": 0.01, "held_by": "mode"}
+    names, units = ("modulus of ROOT", "clamp of HELD"), Units(1.0, 1e3)
+    simulator = structure.simulator(sensors, 1e-3, values=names, units=units, **given)
+    found = {names[0]: 1.06, names[1]: 1.5 * simulator.steps[names[1]]}
+    right = simulator.right_at({**found, "alpha": 0.4})
+
+    def off(told, values):
+        deck = structure.varied(names[0], values[names[0]])
+        deck = deck.varied(names[1], 1e3 * values[names[1]])  # of a force in kN
+        expected = deck.simulator(sensors, 1e-3, units=units, **given).simulate(6e-4, T)
+        return np.abs(told.simulate(6e-4, T, **values) - expected).max() / 6e-4
+
+    # Both hold their cases to 1e-4 of the largest change of stiffness.
+    assert off(right, found) < 1e-4 < 2e-3 < off(simulator, found)
+    beside = {name: 1.002 * value for name, value in found.items()}
+    assert off(right, beside) < 0.1 * off(simulator, beside)
+    plain = structure.simulator(sensors, 1e-3, **given)
+    assert plain.right_at({"modulus": 1.1}) is None
 
 
 @needs_ccx

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -325,12 +325,29 @@ class Structure(LinearModel):
             i + 1 for i, s in enumerate(seen.tolist()) if s and i + 1 != mode and self.omega[i] > 0
         ]
         si, kept = units or Units(), [mode, *others[:rings]]
-        parts = {name: self._between(name, kept, si, reach, tolerance) for name in values}
-        given = point is None, stated, others[:rings], held_by, si
-        return StructureSimulator(self, found.curve, rows, acts, *given, parts)
+
+        def member(at: Mapping[str, float]) -> Member:
+            """The deck with values of parts, in its own units."""
+            deck: Structure = self
+            for name, value in at.items():
+                deck = deck.varied(name, value)
+            return member_of(
+                self, kept, deck, lambda n: deck.static_curve(n, reach, tolerance).curve
+            )
+
+        def in_si(at: Mapping[str, float]) -> Member:
+            return member({name: value / parts[name].unit for name, value in at.items()})
+
+        parts = {name: self._between(name, kept, si, member) for name in values}
+        given = point is None, stated, others[:rings], held_by, si, parts
+        return StructureSimulator(self, found.curve, rows, acts, *given, in_si)
 
     def _between(
-        self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
+        self,
+        name: str,
+        kept: list[int],
+        units: Units,
+        member: Callable[[Mapping[str, float]], Member],
     ) -> PartDecks:
         """Decks with other values of a part."""
         part = PartValue.of_name(name)
@@ -345,10 +362,5 @@ class Structure(LinearModel):
             softer = softened(omega2, slight)
             assumed, scale, values = 0.0, unit * softer * SOFT[0], [softer * x for x in SOFT]
 
-        def member(value: float) -> Member:
-            other = self.varied(name, value)
-            return member_of(
-                self, kept, other, lambda n: other.static_curve(n, reach, tolerance).curve
-            )
-
-        return PartDecks(assumed, tuple((unit * v, member(v)) for v in values), scale)
+        members = tuple((unit * v, member({name: v})) for v in values)
+        return PartDecks(assumed, members, scale, unit)
