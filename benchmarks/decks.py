@@ -116,12 +116,33 @@ def arch(
     rise: float,
     counts: Sequence[int] = (24, 2, 1),
     parts: Mapping[str, Callable[[Array], bool]] | None = None,
+    thickness: float = 0.002,
 ) -> Path:
     """A strip of steel, 300 x 20 x 2 mm, clamped at both ends, its middle higher by ``rise``."""
-    places, elements = block(counts, (0.3, 0.02, 0.002))
+    places, elements = block(counts, (0.3, 0.02, thickness))
     held = at(places, 0, 0.0, 0.3)
+    places[:, 2] -= thickness / 2 - 0.001  # one middle surface
     places[:, 2] += 4 * rise * places[:, 0] * (0.3 - places[:, 0]) / 0.3**2
     return write_deck(path, (places, elements), held, **STEEL, parts=parts)
+
+
+def stiffened(path: Path, thickness: float = 0.002) -> Path:
+    """A plate of steel, 200 x 100 x 2 mm, clamped at both ends, with a stiffener along it, WEB.
+
+    That is 10 mm high, and has a thickness.
+    """
+    places, elements = block((8, 5, 3), (0.2, 5.0, 3.0))
+    middles = [places[np.array(e) - 1].mean(axis=0) for e in elements]
+    kept = [e for e, (_, y, z) in zip(elements, middles, strict=True) if z < 1 or 2 < y < 3]
+    used = sorted({n for e in kept for n in e})
+    number = {n: i for i, n in enumerate(used, 1)}
+    places = places[np.array(used) - 1]
+    ends = 0.05 - thickness / 2, 0.05 + thickness / 2
+    places[:, 1] = np.interp(places[:, 1], range(6), [0, 0.025, *ends, 0.075, 0.1])
+    places[:, 2] = np.interp(places[:, 2], range(4), [0, 0.002, 0.007, 0.012])
+    mesh = places, [[number[n] for n in e] for e in kept]
+    parts: Mapping[str, Callable[[Array], bool]] = {"WEB": lambda middle: bool(middle[2] > 0.002)}
+    return write_deck(path, mesh, at(places, 0, 0.0, 0.2), **STEEL, parts=parts)
 
 
 def plate(path: Path, counts: Sequence[int] = (14, 10, 1)) -> Path:
@@ -131,9 +152,10 @@ def plate(path: Path, counts: Sequence[int] = (14, 10, 1)) -> Path:
     return write_deck(path, mesh, sorted(held), **STEEL)
 
 
-def cantilever(path: Path, elements: int = 50) -> Path:
+def cantilever(path: Path, elements: int = 50, thickness: float = 0.01) -> Path:
     """A strip of 1000 x 20 x 10 mm, clamped at one end, without lateral contraction."""
-    mesh = block((elements, 1, 1), (1.0, 0.02, 0.01))
+    mesh = block((elements, 1, 1), (1.0, 0.02, thickness))
+    mesh[0][:, 2] -= thickness / 2 - 0.005  # one middle surface
     steel = {**STEEL, "poisson": 0.0}
     return write_deck(path, mesh, at(mesh[0], 0, 0.0), **steel, kind="C3D20")
 

@@ -615,6 +615,43 @@ def test_a_value_without_tolerance_is_told_where_others_leave_more_than_noise():
     assert max(e.after for e in report.sensor_errors) < 1.1
 
 
+class Interpolated:
+    """A stiffness that is taken 0.1 % too high, but near one at which it was asked to be right."""
+
+    def __init__(self, right=None):
+        self.right = right
+
+    def simulate(self, release, t, k=STIFFNESS):
+        off = 1e-3 if self.right is None else 0.02 * abs(k / self.right - 1)
+        return simulate(release, t, k=k * (1 + off))
+
+    def right_at(self, values):
+        if values["k"] < 0:
+            raise ValueError("there is no such deck")
+        return Interpolated(values["k"])
+
+
+def test_a_simulator_is_asked_to_be_exact_at_values():
+    """Most need not; what cannot be asked at some values stays what it is."""
+    right = Simulator.of(Interpolated()).right_at({"k": 81.5})
+    t = times(1.0, 0.005, 15.0)
+    assert np.array_equal(right.simulate(0.03, t, k=81.5), simulate(0.03, t, k=81.5))
+    assert Simulator.of(Interpolated()).right_at({"k": -1.0}) is None
+    assert Simulator.of(simulate).right_at({"k": 81.5}) is None
+
+
+@pytest.mark.slow
+def test_values_are_found_again_with_a_simulator_that_is_exact_there():
+    """A thousandth of the stiffness, which is many standard errors, is not left in the value."""
+    records = [record(0.03, 1, k=81.5), record(0.02, 2, k=81.5)]
+    given = {"parameters": {"k": (STIFFNESS, 0.03)}, "catalogue": []}
+    report = rs.diagnose(Interpolated(), records, **given)
+    best, effect = report.reduced.best, report.parts[0].effect
+    assert effect.name == "k" and report.values["k"] == pytest.approx(81.5, abs=0.01)
+    assert np.sqrt(best.covariance[0, 0]) < 0.01
+    assert report.sensor_errors[0].after < 1.1
+
+
 @pytest.mark.parametrize("n_sensors", [2, 3])
 def test_other_modes_do_not_show_in_the_coordinate(n_sensors):
     """Two modes with known shapes ring in some channels: the weights see one and not the other."""

@@ -140,6 +140,30 @@ def test_the_corrected_deck_has_values_of_parts(deck, tmp_path):
     assert "** romsindy: HELD is held by springs, direction 1" in text
 
 
+def test_moved_nodes_stand_in_the_corrected_deck(deck, tmp_path):
+    """Also those of a file that it includes, under a comment that says what and how much."""
+    original, node = deck
+    nodes, _, rest = original.path.read_text().partition("*ELEMENT")
+    (tmp_path / "nodes.inc").write_text(nodes)
+    (tmp_path / "main.inp").write_text("*INCLUDE, INPUT=nodes.inc\n*ELEMENT" + rest)
+    found = _found(node, parts={"thickness of SOLID": 1.04})
+    path = _written(Deck.load(tmp_path / "main.inp"), found, tmp_path / "c.inp")
+    moved, before = Deck.load(path).nodes, original.nodes
+    by = np.array([moved[n] - before[n] for n in before])
+    assert by.min(axis=0) == pytest.approx([0, 0, -4e-5]) and by.max() == pytest.approx(4e-5)
+    said = "** romsindy: SOLID is 1.04 times as thick: nodes move by up to 4e-05"
+    assert said in path.read_text() and "INCLUDE" not in path.read_text()
+
+
+def test_what_is_added_has_numbers_of_its_own(deck, tmp_path):
+    """Springs of a clamp, a spring and a mass: no element number stands twice."""
+    original, node = deck
+    found = _found(node, spring=lambda x: -K * x, mass=1e-3, parts={"clamp of HELD": 2e-11})
+    again = Deck.load(_written(original, found, tmp_path / "c.inp"))
+    points = [f[0] for c in again.of("ELEMENT") if "C3D" not in c.lines[0] for f in c.fields()]
+    assert len(points) == 3 * len(original.sets["HELD"]) + 2 == len({*points})
+
+
 def test_supports_in_a_step_are_put_before_it_first(deck, tmp_path):
     original, node = deck
     text = original.path.read_text()

@@ -121,6 +121,15 @@ class Simulator:
         """By how much a value may change that is zero, by name."""
         return dict(self._own("steps", {}))
 
+    def right_at(self, values: Mapping[str, float]) -> Simulator | None:
+        """The same, where it can be made exact at some values; often it is already."""
+        own = self._own("right_at", None)
+        try:
+            found = None if own is None else own(values)
+        except ValueError:  # nothing can be asked at these values: it stays what it is
+            return None
+        return None if found is None else Simulator.of(found)
+
     def _own(self, name: str, usual: Any) -> Any:
         """What the object has whose method is asked."""
         return getattr(getattr(self.simulate, "__self__", None), name, usual)

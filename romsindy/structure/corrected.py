@@ -1,4 +1,4 @@
-"""A deck with what was found: changed materials, a spring, and in comments what has no element.
+"""A deck with what was found: other materials and nodes, a spring; in comments what has no element.
 
 Tried in CalculiX 2.20: a nonlinear spring has no direction of its own, so it is stretched between
 the node and a fixed one far away. A dashpot is not for `*DYNAMIC`: damping stands in comments.
@@ -58,7 +58,7 @@ def corrected_deck(deck: Deck, found: Correction, units: Units) -> str:
             " be written beside what was found"
         )
     first = min((c.source[1] for c in deck.cards if c.source[0] == deck.path), default=1)
-    text = lines[: first - 1]
+    text = [line for line in lines[: first - 1] if line.lstrip().startswith("**")]  # no *INCLUDE
     for card in model:
         factor = factors.get(card.name, 1.0)
         text += (card if factor == 1.0 else times(card, factor)).lines
@@ -66,12 +66,12 @@ def corrected_deck(deck: Deck, found: Correction, units: Units) -> str:
     if found.mass:
         text += [
             f"*ELEMENT, TYPE=MASS, ELSET={_NAME}_MASS",
-            f"{deck.next_element + 1}, {found.node}",
+            f"{changed.next_element + 1}, {found.node}",
             f"*MASS, ELSET={_NAME}_MASS",
             f"{found.mass / units.mass:.9e}",
         ]
     if found.spring is not None:
-        text += _spring(deck, found, units)
+        text += _spring(changed, found, units)
     return "\n".join([*text, *lines[end:]]) + "\n"
 
 

@@ -25,7 +25,7 @@ _FACES = {
     6: ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-_CORNERS = {"4": 4, "10": 4, "6": 6, "15": 6, "8": 8, "20": 8}
+CORNERS = {4: 4, 10: 4, 6: 6, 15: 6, 8: 8, 20: 8}  # by number of nodes
 _SOLID = re.compile(r"C3D(\d+)[A-Z0-9]*$")
 _FLAT = re.compile(r"(CPS|CPE|T3D)\d")
 _POINTS = ("MASS", "SPRINGA", "SPRING1", "SPRING2")
@@ -160,9 +160,27 @@ class Deck:
         return found
 
     @cached_property
+    def solids(self) -> dict[int, list[int]]:
+        """Nodes of the solids by number of the element, corners first."""
+        return {n: nodes for card in self.of("ELEMENT") for n, nodes in _solids(card)}
+
+    @cached_property
+    def parts(self) -> dict[str, list[int]]:
+        """Numbers of solids by name of their set of elements, in capitals."""
+        found: dict[str, list[int]] = {}
+        for card in self.cards:
+            name = card.parameters.get("ELSET", "").upper()
+            if name and card.name == "ELEMENT":
+                found.setdefault(name, []).extend(n for n, _ in _solids(card))
+            elif name and card.name == "ELSET":
+                members = (n for n in _members(card, found) if n in self.solids)
+                found.setdefault(name, []).extend(members)
+        return found
+
+    @cached_property
     def faces(self) -> list[tuple[int, ...]]:
         """Corners of the outer faces of the solids: those that belong to one element alone."""
-        sides = [side for element in self._solids() for side in _sides(element)]
+        sides = [side for nodes in self.solids.values() for side in _sides(nodes)]
         times = Counter(frozenset(side) for side in sides)
         return [side for side in sides if times[frozenset(side)] == 1]
 
@@ -193,16 +211,6 @@ class Deck:
             )
         return members[0]
 
-    def _solids(self) -> Iterator[list[int]]:
-        for card in self.of("ELEMENT"):
-            solid = _SOLID.match(_type(card))
-            if solid is None:
-                continue
-            size = int(solid[1])
-            numbers = [int(f) for fields in card.fields() for f in fields if f]
-            for i in range(0, len(numbers), size + 1):
-                yield numbers[i + 1 : i + 1 + _CORNERS[solid[1]]]
-
     def _check(self) -> None:
         for card in self.cards:
             if card.name in _REFUSED:
@@ -210,7 +218,7 @@ class Deck:
         for card in self.of("ELEMENT"):
             kind = _type(card)
             solid = _SOLID.match(kind)
-            if kind not in _POINTS and (solid is None or solid[1] not in _CORNERS):
+            if kind not in _POINTS and (solid is None or int(solid[1]) not in CORNERS):
                 raise DeckError(
                     f"{card.at}: elements {kind or 'without TYPE'} cannot be reduced: shells, beams"
                     f" and plane elements are expanded, and their mass is not positive; {_SOLIDS}"
@@ -298,8 +306,17 @@ def _members(card: Card, sets: dict[str, list[int]]) -> Iterator[int]:
             yield from [int(entry)] if entry.isdigit() else sets.get(entry.upper(), [])
 
 
-def _sides(corners: Sequence[int]) -> list[tuple[int, ...]]:
-    return [tuple(corners[i] for i in face) for face in _FACES[len(corners)]]
+def _solids(card: Card) -> Iterator[tuple[int, list[int]]]:
+    """Solids of a card: number, and nodes."""
+    solid = _SOLID.match(_type(card))
+    size = int(solid[1]) + 1 if solid else 0
+    numbers = [int(f) for fields in card.fields() for f in fields if f] if solid else []
+    for i in range(0, len(numbers), size or 1):
+        yield numbers[i], numbers[i + 1 : i + size]
+
+
+def _sides(nodes: Sequence[int]) -> list[tuple[int, ...]]:
+    return [tuple(nodes[i] for i in face) for face in _FACES[CORNERS[len(nodes)]]]
 
 
 def _type(card: Card) -> str:
@@ -314,7 +331,7 @@ def _number(card: Card, entry: str) -> float:
 
 
 def _without_section(cards: Sequence[Card]) -> list[Card]:
-    """Plane and line elements that have no section: gmsh writes them of surfaces, for their sets."""
+    """Plane and line elements without a section: gmsh writes them of surfaces, for their sets."""
     named = {c.parameters.get("ELSET", "").upper() for c in cards if c.name.endswith(" SECTION")}
     members = {
         entry

@@ -1,28 +1,53 @@
 """Values of parts of a deck, and decks that have others.
 
-Modulus and density of a set of elements are told as factors, the compliance of a clamp (a set of
-nodes that is held) in m/N of all its nodes together.
+Modulus, density and thickness of a set of elements are told as factors, the compliance of a clamp
+(a set of nodes that is held) in m/N of all its nodes together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from romsindy.structure.deck import Card, Deck, DeckError
+from romsindy.physics.validation import require_positive
+from romsindy.structure.deck import CORNERS, Card, Deck, DeckError
 from romsindy.text import listed
+from romsindy.typing import Array
 
 MATERIAL = {"modulus": "ELASTIC", "density": "DENSITY"}
-CLAMP = "clamp"
-_KINDS = (*MATERIAL, CLAMP)
+CLAMP, THICKNESS = "clamp", "thickness"
+_KINDS = (*MATERIAL, THICKNESS, CLAMP)
 _NAME = "ROMSINDY"
-PART = 0.1  # by which a modulus or a density of a part is varied to either side
+PART = 0.1  # by which a factor of a part is varied to either side
 SOFT = (0.05, 0.2, 0.6, 2.0, 5.0)  # of the compliance of a clamp that is felt
 # By which a clamp changes omega^2: wanted, and near enough
 _SOFTER, _NEAR, _TRIED = 0.02, 2.0, 8
+_BROAD = 1.8  # times its thickness a part is wide, at least: a square bar has no thickness
+# Of solids, by their number of corners: from face to opposite face, edges that do not cross
+_ACROSS = {
+    6: (((0, 3), (1, 4), (2, 5)),),
+    8: (
+        ((0, 1), (3, 2), (7, 6), (4, 5)),
+        ((0, 3), (1, 2), (5, 6), (4, 7)),
+        ((0, 4), (1, 5), (2, 6), (3, 7)),
+    ),
+}
+_Edges = list[tuple[int, int]]  # pairs of nodes
+# Edges in the order of the nodes in their middles
+_EDGES = {
+    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    8: (
+        *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ),
+}
 
 
 class PartValue(NamedTuple):
@@ -49,8 +74,8 @@ class PartValue(NamedTuple):
         """
         if value == self.assumed:
             return deck
-        cards = [*(_softer if self.kind == CLAMP else _scaled)(deck, self, value)]
-        return replace(deck, cards=tuple(cards))
+        cards = {CLAMP: _softer, THICKNESS: _thicker}.get(self.kind, _scaled)
+        return replace(deck, cards=(*cards(deck, self, value),))
 
 
 def _scaled(deck: Deck, value: PartValue, factor: float) -> Iterator[Card]:
@@ -152,6 +177,127 @@ def _softer(deck: Deck, value: PartValue, compliance: float) -> Iterator[Card]:
             spring = _of_text(last, f"*ELEMENT, TYPE=SPRING1, ELSET={name}", *numbers)
             yield replace(spring, lines=(said, *spring.lines))
             yield _of_text(last, f"*SPRING, ELSET={name}", f"{direction}", f"{stiffness:.12e}")
+
+
+def _thicker(deck: Deck, value: PartValue, factor: float) -> Iterator[Card]:
+    """Cards with the nodes of a set of elements moved away from its middle surface."""
+    require_positive(f"thickness of {value.of}", factor)
+    away = _from_middle(deck, value)
+    for nodes in deck.solids.values():  # edges of neighbours stay straight
+        for a, b, middle in _middles(nodes):
+            if middle not in away and (a in away or b in away):
+                away[middle] = (away.get(a, np.zeros(3)) + away.get(b, np.zeros(3))) / 2
+    most = abs(factor - 1) * max(float(np.linalg.norm(x)) for x in away.values())
+    for card in deck.cards:
+        numbers = [int(fields[0]) for fields in card.fields()] if card.name == "NODE" else []
+        if away.keys().isdisjoint(numbers):
+            yield card
+            continue
+        data = list(card.data)
+        for i, node in enumerate(numbers):
+            if node in away:
+                place = deck.nodes[node] + (factor - 1) * away[node]
+                data[i] = ", ".join([f"{node}", *(f"{x:.12e}" for x in place)])
+        said = f"{value.of} is {factor:.6g} times as thick: nodes move by up to {most:.3g}"
+        yield replace(card, lines=(f"** romsindy: {said}", card.lines[0], *data), data=tuple(data))
+
+
+def _from_middle(deck: Deck, value: PartValue) -> dict[int, Array]:
+    """How far nodes are from the middle surface of a set, (3,), along lines of nodes across it."""
+    solids = {n: deck.solids[n] for n in deck.parts.get(value.of, ())}
+    if not solids:
+        raise DeckError(
+            f"{deck.path}: thickness of {value.of} is asked, and no set of solids has that name:"
+            f" there are {listed(sorted(n for n, s in deck.parts.items() if s)) or 'none'}; name"
+            " the part by *ELSET"
+        )
+    line = _bound(edge for edges in _across(deck, value, solids).values() for edge in edges)
+    groups: dict[frozenset[int], list[int]] = {}
+    for node, number in line.items():
+        groups.setdefault(frozenset({number}), []).append(node)
+    for a, b, middle in {m for nodes in solids.values() for m in _middles(nodes)}:
+        # What is between two lines is a line of its own.
+        groups.setdefault(frozenset({line[a], line[b]}), []).append(middle)
+    found: dict[int, Array] = {}
+    for nodes in groups.values():
+        places = np.array([deck.nodes[n] for n in nodes])
+        apart = np.linalg.norm(places[:, None] - places, axis=2)
+        first, last = places[list(np.unravel_index(np.argmax(apart), apart.shape))]
+        along = (last - first) / (apart.max() or 1.0)
+        heights = (places - (first + last) / 2) @ along
+        found |= dict(zip(nodes, np.outer(heights, along), strict=True))
+    return found
+
+
+def _across(deck: Deck, value: PartValue, solids: Mapping[int, list[int]]) -> dict[int, _Edges]:
+    """Edges of each solid of a set that lead through its thickness.
+
+    It is the way to the nearest opposite face of the set, as most solids of a layer have it.
+
+    Raises a DeckError where there is no such way, or more than one.
+    """
+    asked = f"{deck.path}: thickness of {value.of} is asked, and"
+    ways: dict[tuple[int, int], _Edges] = {}  # by element and direction
+    for element, nodes in solids.items():
+        corners = CORNERS[len(nodes)]
+        if corners not in _ACROSS:
+            raise DeckError(
+                f"{asked} its element {element} is a tetrahedron: there are no lines of nodes"
+                " across; mesh the part with hexahedra or wedges (C3D6 to C3D20R)"
+            )
+        for i, pairs in enumerate(_ACROSS[corners]):
+            ways[element, i] = [(nodes[a], nodes[b]) for a, b in pairs]
+    # Ways that go on through a face are a column, those beside each other are of a layer.
+    column = _bound((w, *map(frozenset, zip(*e, strict=True))) for w, e in ways.items())
+    layer = _bound((w, *map(frozenset, e)) for w, e in ways.items())
+    size: dict[int, float] = defaultdict(float)  # of columns
+    own: dict[int, list[tuple[int, int]]] = {}
+    for way, edges in ways.items():
+        a, b = np.array([[deck.nodes[n] for n in edge] for edge in edges]).swapaxes(0, 1)
+        size[column[way]] += float(np.linalg.norm(b - a, axis=1).mean())
+        own.setdefault(way[0], []).append(way)
+    every = Counter(layer[w] for w in ways)
+    shortest = Counter(layer[min(o, key=lambda w: size[column[w]])] for o in own.values())
+    places = np.array([deck.nodes[n] for nodes in solids.values() for n in nodes])
+    extent, found, wide = float(np.linalg.norm(np.ptp(places, axis=0))), {}, []
+    for element, several in own.items():
+        through = [w for w in several if shortest[layer[w]] > every[layer[w]] / 2]
+        if len(through) != 1:
+            raise DeckError(
+                f"{asked} {'no' if not through else 'more than one'} pair of broad faces lies"
+                f" opposite each other at element {element}: give each plate or shell of it a set"
+                " of its own (*ELSET)"
+            )
+        found[element] = ways[through[0]]
+        beside = [size[column[w]] for w in several if w not in through]
+        wide.append(min(beside, default=extent) / size[column[through[0]]])
+    if np.median(wide) < _BROAD:
+        raise DeckError(
+            f"{asked} it is only {np.median(wide):.2g} times as wide as thick: which of its faces"
+            " are the broad ones nobody can say; take a flat part, or vary its modulus and density"
+        )
+    return found
+
+
+def _bound(several: Iterable[Iterable[Any]]) -> dict[Any, int]:
+    """A number for each thing, the same of those that are bound together."""
+    index: dict[Any, int] = {}
+    pairs = [
+        (index.setdefault(first, len(index)), index.setdefault(other, len(index)))
+        for first, *others in several
+        for other in others
+    ]
+    rows, columns = np.array(pairs, int).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), (len(index), len(index)))
+    numbers = connected_components(graph, directed=False)[1]
+    return dict(zip(index, numbers.tolist(), strict=True))
+
+
+def _middles(nodes: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """Corners of the edges of a solid, and the node in the middle; none where it has none."""
+    corners = CORNERS[len(nodes)]
+    for (a, b), middle in zip(_EDGES[corners], nodes[corners:], strict=False):
+        yield nodes[a], nodes[b], middle
 
 
 def _of_text(card: Card, head: str, *data: str) -> Card:

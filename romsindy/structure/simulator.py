@@ -84,6 +84,7 @@ class PartDecks(NamedTuple):
     assumed: float  # value of the deck as it is
     members: tuple[tuple[float, Member], ...]  # others, with their values
     scale: float = 0.0
+    unit: float = 1.0  # SI unit of the value in that of the deck
 
     def weights(self, value: float) -> Array:
         """Of the decks in what lies at a value, that as it is first, by Lagrange."""
@@ -97,6 +98,14 @@ class PartDecks(NamedTuple):
                 for i, x in enumerate(nodes)
             ]
         )
+
+
+class RightAt(PartDecks):
+    """What puts right what lies between decks, by one deck more: its weights are those of decks."""
+
+    def weights(self, value: float) -> Array:
+        """Whatever the value is."""
+        return np.array([self.assumed, *(weight for weight, _ in self.members)])
 
 
 def member_of(
@@ -169,6 +178,10 @@ class StructureSimulator:
         Of the structure.
     parts : dict
         Decks with other values of parts, by the name of the value.
+    deck : callable, optional
+        The deck that has values of several parts.
+    right : RightAt, optional
+        What puts right what lies between decks.
     """
 
     structure: LinearModel
@@ -180,6 +193,8 @@ class StructureSimulator:
     held_by: str
     units: Units
     parts: Mapping[str, PartDecks] = field(default_factory=dict)
+    deck: Callable[[Mapping[str, float]], Member] | None = None
+    right: RightAt | None = None
     _between: dict[tuple[tuple[str, float], ...], StructureSimulator] = field(default_factory=dict)
 
     takes_force = True
@@ -194,6 +209,21 @@ class StructureSimulator:
     def steps(self) -> dict[str, float]:
         """By how much values change that are zero in the deck."""
         return {name: v.scale for name, v in self.parts.items() if v.scale}
+
+    def right_at(self, values: Mapping[str, float]) -> StructureSimulator | None:
+        """The same, exact at values of its parts: their deck is held. None where it has no parts.
+
+        Between decks a clamp is some per cent off, and so are values that are off together.
+        """
+        parts = {name: values[name] for name in self.parts if name in values}
+        if self.deck is None or not parts:
+            return None
+        own, members = 0.0, [(1.0, self.deck(parts))]
+        for name, value in parts.items():
+            first, *others = self.parts[name].weights(value).tolist()
+            own += 1 - first
+            members += [(-w, m) for w, (_, m) in zip(others, self.parts[name].members, strict=True)]
+        return replace(self, right=RightAt(own, tuple(members)), _between={})
 
     @property
     def __name__(self) -> str:
@@ -285,10 +315,11 @@ class StructureSimulator:
             ringing = self.ringing
             kept = [self.curve.mode.number - 1, *(n - 1 for n in ringing.numbers)]
             base = Member(self.structure.omega[kept] ** 2, self.structure.shapes[kept], self.curve)
-            found = between(base, [(self.parts[name], value) for name, value in parts.items()])
+            varied = [(self.parts[name], value) for name, value in parts.items()]
+            found = between(base, [*varied, *([(self.right, 0.0)] if self.right else [])])
             omega2, shapes = found.omega2[1:], found.shapes[1:]
             ringing = replace(ringing, curve=found.curve, omega2=omega2, shapes=shapes)
-            self._between[key] = replace(self, ringing=ringing, parts={}, _between={})
+            self._between[key] = replace(self, ringing=ringing, parts={}, right=None, _between={})
         return self._between[key]
 
     def _row(self, point: str) -> int:

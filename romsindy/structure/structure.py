@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -132,8 +132,9 @@ class Structure(LinearModel):
         ----------
         name : str
             "modulus of SET" or "density of SET", over those of the deck, of a set of elements that
-            has a section; "clamp of SET", the compliance of all nodes of a set that is held,
-            unit of length in one of force: springs hold them then.
+            has a section; "thickness of SET", the same of a set of solids, whose nodes are moved
+            from its middle surface; "clamp of SET", the compliance of all nodes of a set that is
+            held, unit of length in one of force: springs hold them then.
         value : float
             Of that.
 
@@ -146,7 +147,7 @@ class Structure(LinearModel):
         if part is None or not isinstance(own, DeckCases):
             raise ValueError(
                 f"{name!r} is no value of a part of {self.name}: a deck has such as 'modulus of"
-                " SET', 'density of SET' and 'clamp of SET'"
+                " SET', 'density of SET', 'thickness of SET' and 'clamp of SET'"
             )
         deck = part.deck(own.deck, value)
         kept = own.store.beside(deck)
@@ -340,10 +341,22 @@ class Structure(LinearModel):
         at = [n - 1 for n in others]
         ringing = Ringing.of(curve, others, self.omega[at] ** 2, self.shapes[at], known)
         si, kept = units or Units(), [mode, *others]
-        parts = {name: self._between(name, kept, si, reach, tolerance) for name in values}
-        return StructureSimulator(
-            self, rows, acts, point is None, stated, ringing, held_by, si, parts
-        )
+
+        def member(at: Mapping[str, float]) -> Member:
+            """The deck with values of parts, in its own units."""
+            deck: Structure = self
+            for name, value in at.items():
+                deck = deck.varied(name, value)
+            return member_of(
+                self, kept, deck, lambda n: deck.static_curve(n, reach, tolerance).curve
+            )
+
+        def in_si(at: Mapping[str, float]) -> Member:
+            return member({name: value / parts[name].unit for name, value in at.items()})
+
+        parts = {name: self._between(name, kept, si, member) for name in values}
+        given = stated, ringing, held_by, si, parts, in_si
+        return StructureSimulator(self, rows, acts, point is None, *given)
 
     def _rung(self, mode: int, rows: list[int], most: int, held_by: str) -> list[int]:
         """Numbers of the modes that ring: the lowest that sensors see, and what a release rings."""
@@ -361,11 +374,15 @@ class Structure(LinearModel):
         return [i + 1 for i in sorted(lowest)]
 
     def _between(
-        self, name: str, kept: list[int], units: Units, reach: float | None, tolerance: float
+        self,
+        name: str,
+        kept: list[int],
+        units: Units,
+        member: Callable[[Mapping[str, float]], Member],
     ) -> PartDecks:
         """Decks with other values of a part."""
         part = PartValue.of_name(name)
-        assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 - PART, 1 + PART]
+        assumed, unit, scale, values = 1.0, 1.0, 0.0, [1 + PART * x for x in (-1, -0.5, 0.5, 1)]
         if part is not None and part.kind == CLAMP:
             mode, unit = self.mode(kept[0]), units.length / units.force
 
@@ -376,10 +393,5 @@ class Structure(LinearModel):
             softer = softened(omega2, slight)
             assumed, scale, values = 0.0, unit * softer * SOFT[0], [softer * x for x in SOFT]
 
-        def member(value: float) -> Member:
-            other = self.varied(name, value)
-            return member_of(
-                self, kept, other, lambda n: other.static_curve(n, reach, tolerance).curve
-            )
-
-        return PartDecks(assumed, tuple((unit * v, member(v)) for v in values), scale)
+        members = tuple((unit * v, member({name: v})) for v in values)
+        return PartDecks(assumed, members, scale, unit)

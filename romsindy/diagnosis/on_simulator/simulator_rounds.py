@@ -42,6 +42,7 @@ _TURN = 0.02  # radians by which a change of a stated value may turn the slow mo
 # Cycles of the first look at all sensors, steps of each, and how much longer the next is
 _FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
 _LISTENED = 2  # times that all sensors are heard, each with the best so far in the simulator
+_RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 3  # explanations that they are heard of: the best, and two that are simulated
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
@@ -183,6 +184,32 @@ class SimulatorRounds(Rounds):
             found = again
             if found.report.best.names == best.names:
                 break
+        return found
+
+    def right(self, found: Outcome) -> Outcome:
+        """The same by a simulator that is exact at the values that were found, where it can be."""
+        for _ in range(_RIGHTED):
+            before, most = self.structure, len(found.report.best.effects)
+            valued = any(isinstance(p.effect, ValueEffect) for p in found.parts)
+            if found.trouble or not valued or self.options.over:
+                break
+            right = before.simulator.right_at(before.values_with(found.parts))
+            if right is None:
+                break
+            self.options.progress(f"{before.what} at the values that were found")
+            kept = self.own, self.variances
+            self.structure, self.there = replace(before, simulator=right), False
+            try:
+                again = self._polished(found._replace(corrected=self.simulate(found.parts)))
+                report = self._look((), again.corrected, most)
+            except self.structure.failures:
+                report = found.report
+            right.computed[:0] = before.simulator.computed
+            if report is found.report or report.best.names != found.report.best.names:
+                self.structure, (self.own, self.variances) = before, kept
+                self.return_to(found.corrected)
+                break
+            found = again._replace(report=report)
         return found
 
     def _with_one_value(self, found: Outcome) -> Outcome:

@@ -98,7 +98,7 @@ def diagnose_simulator(
             f"the equation of simulator {simulator.name} has no motion near the records ({error}):"
             " compare its frequency with theirs, and check units"
         ) from error
-    found = rounds.over_all_sensors(rounds.run((), before)).or_before(before)
+    found = rounds.right(rounds.over_all_sensors(rounds.run((), before))).or_before(before)
     on = rounds.structure
     report = SimulatorReport(
         reduced=rounds.with_values_of_simulator(found),
