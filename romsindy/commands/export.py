@@ -230,7 +230,7 @@ def _found(text: str, file: Path, given: DeckFile) -> _Export:
 # -- both decks in time ----------------------------------------------------------------------------
 
 _OF_TIME = ("measured", "cycles", "steps", "release")
-_SEEN = ("deck", "corrected", "simulator", "corrected")
+_SEEN = ("deck", "corrected deck", "simulator", "corrected simulator")
 _WHAT = ("frequency, largest", "frequency, median", "damping, largest", "damping, median")
 
 
@@ -340,7 +340,7 @@ def _gaps(
                 continue
             low, high = gap.amplitude
             off = [f"{100 * x:+.3f}" for x in (*gap.frequency, *gap.damping)]
-            if damps and _SEEN[k] == "corrected" and k < 2:  # *DYNAMIC has not what damps
+            if damps and k == 1:  # *DYNAMIC has nothing of what damps
                 off[2:] = ["-", "-"]
             cells.append([f"{1e3 * low:.3g} to {1e3 * high:.3g}", *off])
         names = [name, "", "", "", ""]
@@ -368,10 +368,11 @@ def _notes(
         f"{end:.4g} s of CalculiX's *DYNAMIC, and of the simulator of the reduction; {steps} steps"
         f" a cycle cost {percent(lost)} of the frequency, which was added"
     ]
-    for name, (ratio, *_), run in zip(("deck", "corrected deck"), dampings, runs, strict=False):
+    for name, (ratio, *_), run in zip(_SEEN, dampings, runs, strict=False):
         if run.ended:
             finer = "" if run.ended == STOPPED else f": try --steps {2 * steps}"
-            notes.append(f"The {name} went {run.t[-1]:.4g} s, which are used: {run.ended}{finer}")
+            went = f"The {name} went {run.t[-1]:.4g} s, and that is what was compared"
+            notes.append(f"{went}: {run.ended}{finer}")
         if ratio:
             alpha, beta = run.rayleigh
             notes.append(

@@ -294,10 +294,12 @@ class Backbone(Framed):
 
         Over the square of the amplitude both are nearly straight from one cycle to the next.
         """
-        both = np.concatenate([self.amplitude, other.amplitude])
-        low = max(self.amplitude.min(), other.amplitude.min()) * (1 - _SHARED)
-        high = min(self.amplitude.max(), other.amplitude.max()) * (1 + _SHARED)
-        at = np.sort(both[(both >= low) & (both <= high)])
+        both = np.sort(np.concatenate([self.amplitude, other.amplitude]))
+        low = max(self.amplitude.min(), other.amplitude.min())
+        high = min(self.amplitude.max(), other.amplitude.max())
+        at = both[(both >= low) & (both <= high)]
+        if not len(at):  # what hardly decays has one amplitude
+            at = both[(both >= low * (1 - _SHARED)) & (both <= high * (1 + _SHARED))]
         if not len(at):
             return None
 

@@ -233,7 +233,7 @@ class _Job:
     def run(self, *, may_end: bool = False, told: Told = lambda _: None) -> None:
         """Run it; with ``may_end`` it may stop where there is no further equilibrium."""
         self.path(".inp").write_text(self.text, encoding="utf-8")
-        ccx = subprocess.Popen(
+        with subprocess.Popen(
             [self.program, self.name],
             cwd=self.folder,
             stdout=subprocess.PIPE,
@@ -241,18 +241,17 @@ class _Job:
             text=True,
             errors="replace",
             stdin=subprocess.DEVNULL,
-        )
-        said = None
-        try:
-            while said is None:
-                try:
-                    said, _ = ccx.communicate(timeout=_LOOKS)
-                except subprocess.TimeoutExpired:
-                    told(self.read(".sta").count("\n") - _HEAD)
-        except BaseException:  # as `subprocess.run` does
-            ccx.kill()
-            ccx.wait()
-            raise
+        ) as ccx:
+            said = None
+            try:
+                while said is None:
+                    try:
+                        said, _ = ccx.communicate(timeout=_LOOKS)
+                    except subprocess.TimeoutExpired:
+                        told(self.read(".sta").count("\n") - _HEAD)
+            except BaseException:  # as `subprocess.run` does
+                ccx.kill()
+                raise
         self.path(".printed").write_text(said, encoding="utf-8")
         error = _ERROR.search(said)
         stuck = any(words in said for words in _STUCK)
