@@ -86,8 +86,8 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
 @click.option(
     "--dynamic",
     is_flag=True,
-    help="Let both decks go in CalculiX's own time, as it was and corrected, and print how far they"
-    " are from the measured decays.",
+    help="Let the deck go in CalculiX's own time, as it was and corrected, and print how far it is"
+    " from the measured decays.",
 )
 @click.option(
     "--measured",
@@ -119,7 +119,8 @@ def export(
 ) -> None:
     """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
 
-    FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
+    FILE is a model (JSON): identify --model, identify --save, Fit.save and diagnose --json write
+    such.
 
     Measured inputs become arguments: functions of time in MATLAB and sympy, values in C.
     """
