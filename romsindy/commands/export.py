@@ -291,7 +291,7 @@ def _in_time(
             moved = [(run.t, given.units.length * run.moved, run) for run in runs]
             lost = [None] * (len(decks) - len(runs))
             seen = [*moved, *lost, *((plan.t, x, None) for x in beside[name])]
-            head = f"{name}, let go at {plan.release:.4g} m: off at equal amplitude, %"
+            head = f"{name}, let go at {plan.release:.4g} m: off at equal amplitude, % (-: none)"
             rows = _gaps(given.columns, plan.decay, seen, found.damps)
             notes = _notes(found, dampings, runs, plan, steps)
             click.echo("\n".join([head, aligned(rows, "  "), *notes]), err=aside)
