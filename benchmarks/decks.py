@@ -9,7 +9,6 @@ Meshes are made here, of solids, by numpy. Needs CalculiX (``ccx``) on the path.
 from __future__ import annotations
 
 import resource
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,7 +20,6 @@ from scipy.interpolate import CubicSpline
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, FREE, Section
-from romsindy.structure.deck import Deck
 from romsindy.structure.reduction import Reduction
 from romsindy.text import aligned
 from romsindy.typing import Array
@@ -163,43 +161,29 @@ def cantilever(path: Path, elements: int = 50, thickness: float = 0.01) -> Path:
 # -- in time --------------------------------------------------------------------------------------
 
 
-def released(deck: Path, found: Reduction, cycles: int = 5) -> tuple[float, float]:
+def released(found: Reduction, cycles: int = 5) -> tuple[float, float]:
     """Frequency in Hz, and amplitude in the modal coordinate, of a release, by CalculiX in time.
 
     It is let go from the softer end of the range, so that it stays within.
     """
     curve, structure = found.curve, found.structure
-    row = curve.mode.loudest
-    ends = curve.cases.factors[[0, -1]]
-    load = ends[np.argmin(np.abs(ends))] * curve.mode.momentum
-    forces = zip(structure.nodes, structure.directions, load, strict=True)
-    cycle = 2 * np.pi / found.frequencies(np.array([found.reach]))[0]
-    output = "*NODE PRINT, NSET=P\nU\n*EL PRINT, ELSET=SOLID, TOTALS=ONLY\nELSE\n*END STEP"
-    lines = [
-        f"*NSET, NSET=P\n{structure.nodes[row]}",
-        "*STEP, NLGEOM, INC=1000\n*STATIC\n1., 1.\n*CLOAD",
-        *(f"{n}, {d}, {f:.12e}" for n, d, f in forces),
-        output,
-        "*STEP, NLGEOM, INC=100000\n*DYNAMIC, DIRECT, ALPHA=0.",
-        f"{cycle / _STEPS:.9e}, {cycles * cycle:.9e}",
-        "*CONTROLS, PARAMETERS=FIELD\n1e-5, 1e-4",
-        f"*CLOAD, OP=NEW\n{structure.nodes[row]}, 1, 0.",
-        output,
-    ]
-    job = deck.parent / "in_time.inp"
-    job.write_text(Deck.load(deck).text + "\n".join(lines) + "\n", encoding="utf-8")
-    subprocess.run(["ccx", job.stem], cwd=deck.parent, check=True, capture_output=True)
-    blocks = job.with_suffix(".dat").read_text(encoding="utf-8").split("displacements")[1:]
-    t = np.array([float(b.partition("\n")[0].split()[-1]) for b in blocks]) - 1
-    moved = [float(b.split("\n")[2].split()[structure.directions[row]]) for b in blocks]
-    x = np.array(moved)[t > 0]
-    t = t[t > 0]
+    row, cases = curve.mode.loudest, curve.cases
+    softer = min((0, -1), key=lambda end: abs(cases.factors[end]))
+    step = 2 * np.pi / found.frequencies(np.array([found.reach]))[0] / _STEPS
+    run = structure.released(
+        [(int(structure.nodes[row]), int(structure.directions[row]))],
+        float(cases.shapes[softer, row]),
+        step,
+        cycles * _STEPS,
+        curve.mode.number,
+        held_by="mode",
+    )
+    t, x = run.t, run.moved[:, 0]
     up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
-    crossed = t[up] - x[up] * np.diff(t)[up] / np.diff(x)[up]
-    slower = 1 - (2 * np.pi / _STEPS) ** 2 / 12
-    there = curve.shapes_at(curve.q)[:, row]
-    q = np.interp([x.min(), x.max()], there, curve.q)
-    return (len(crossed) - 1) / float(np.ptp(crossed)) / slower, float(np.ptp(q)) / 2
+    crossed = t[up] - x[up] * step / np.diff(x)[up]
+    seen = 2 * np.pi * (len(crossed) - 1) / np.ptp(crossed)
+    q = np.interp([x.min(), x.max()], curve.shapes_at(curve.q)[:, row], curve.q)
+    return float(run.true(seen)) / (2 * np.pi), float(np.ptp(q)) / 2
 
 
 # -- rows -----------------------------------------------------------------------------------------
@@ -245,7 +229,7 @@ def _in_time(name: str, make: Callable[[Path], Path]) -> Callable[[Path], list[l
     def row(folder: Path) -> list[list[str]]:
         deck = make(folder / f"{name}.inp")
         found = rs.Structure.from_calculix(deck).reduce(1, 0.002)
-        frequency, amplitude = released(deck, found)
+        frequency, amplitude = released(found)
         off = found.frequencies(np.array([amplitude]))[0] / (2 * np.pi) / frequency - 1
         told = f"{name}, frequency at one thickness against *DYNAMIC"
         return [[told, f"{100 * off:+.3f}", "0.3"]]

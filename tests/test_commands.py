@@ -594,13 +594,15 @@ def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, mo
     assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout
 
 
-@pytest.mark.parametrize("name", ["identify", "regress", "steady", "diagnose", "simulate"])
+@pytest.mark.parametrize(
+    "name", ["identify", "regress", "steady", "diagnose", "simulate", "export"]
+)
 def test_help_has_every_option_once_under_a_heading(name):
     command = getattr(importlib.import_module(f"romsindy.commands.{name}"), name)
     text = CliRunner().invoke(main, [name, "--help"]).output
     heads = re.findall(r"^([A-Z][a-z ]+):$", text, re.M)
     assert heads == [*command.headings, "Other"]
-    rows = re.findall(r"^  (?:-h, )?(--[a-z-]+)", text, re.M)
+    rows = re.findall(r"^  (?:-[a-z], )?(--[a-z-]+)", text, re.M)
     options = [p.opts[0] for p in command.params if isinstance(p, click.Option)]
     assert sorted(rows) == sorted([*options, "--help"])
     # What has no heading stands under "Other": give a new option one.

@@ -10,8 +10,9 @@ of drift colour it, and what is coloured errs alike from one half-cycle to the n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -206,6 +207,15 @@ _WHITE = np.ones(1)
 _LEVER = 0.01
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
+_SHARED = 0.03  # by how much an amplitude may be outside of those that are compared
+
+
+class EqualAmplitude(NamedTuple):
+    """By how much cycles differ from others of the same amplitude: the largest, and the median."""
+
+    amplitude: tuple[float, float]  # from, to: unit of q
+    frequency: tuple[float, float]  # relative
+    damping: tuple[float, float]  # of the ratio, over the larger of the two
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -278,6 +288,34 @@ class Backbone(Framed):
             return float(np.sqrt(np.average(squared, weights=1 / std**2)))
         line = np.polynomial.Polynomial.fit(sizes, squared, 1, w=1 / std)
         return float(np.sqrt(line(0.0)))
+
+    def beside(self, other: Backbone) -> EqualAmplitude | None:
+        """How far these cycles are from those of another decay; None where they share no amplitude.
+
+        Over the square of the amplitude both are nearly straight from one cycle to the next.
+        """
+        both = np.sort(np.concatenate([self.amplitude, other.amplitude]))
+        low = max(self.amplitude.min(), other.amplitude.min())
+        high = min(self.amplitude.max(), other.amplitude.max())
+        at = both[(both >= low) & (both <= high)]
+        if not len(at):  # what hardly decays has one amplitude
+            at = both[(both >= low * (1 - _SHARED)) & (both <= high * (1 + _SHARED))]
+        if not len(at):
+            return None
+
+        def values(name: str) -> Iterator[Array]:
+            for b in (self, other):
+                order = np.argsort(b.amplitude)
+                yield np.interp(at**2, b.amplitude[order] ** 2, getattr(b, name)[order])
+
+        frequency, true = values("frequency")
+        ratio, own = values("damping_ratio")
+        size = np.maximum(np.maximum(np.abs(ratio), np.abs(own)), np.finfo(float).tiny)
+        pairs = [
+            (float(x[np.argmax(np.abs(x))]), float(np.median(x)))
+            for x in (frequency / true - 1, (ratio - own) / size)
+        ]
+        return EqualAmplitude((float(at[0]), float(at[-1])), *pairs)
 
     def __repr__(self) -> str:
         a, f = self.amplitude, self.frequency / (2 * np.pi)

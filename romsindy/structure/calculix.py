@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,12 +31,29 @@ _HELD = (
     "*STEP,NLGEOM,INC=1000\n*STATIC\n1.,1.\n*CONTROLS,PARAMETERS=FIELD\n1e-7,1e-6\n"
     "*CLOAD,OP=NEW\n{loads}\n*NODE PRINT,NSET={free}\nU\n*END STEP\n"
 )
+# ALPHA=0 damps nothing by itself. In a nonlinear step *DYNAMIC asks for energy from the first on.
+_RELEASED = (
+    "*NSET,NSET={told}\n{nodes}\n*ELSET,ELSET={told}\n{element}\n"
+    "*STEP,NLGEOM,INC=1000\n*STATIC\n{step:.9e},{step:.9e}\n*CONTROLS,PARAMETERS=FIELD\n1e-7,1e-6\n"
+    "*CLOAD\n{loads}\n{output}"
+    "*STEP,NLGEOM,INC={most}\n*DYNAMIC,DIRECT,ALPHA=0.\n{step:.9e},{end:.9e}\n"
+    "*CONTROLS,PARAMETERS=FIELD\n1e-6,1e-5\n*CLOAD,OP=NEW\n{free},0.\n{output}"
+)
+_TOLD_IN_TIME = "*NODE PRINT,NSET={0}\nU\n*EL PRINT,ELSET={0},TOTALS=ONLY\nELSE\n*END STEP\n"
+_HEAD = 2  # lines of a .sta before those of the increments
+_WHOLE = 0.1  # of a step: nearer to the end of one
+STOPPED = "it was interrupted"
+_LOOKS = 0.5  # s, between looks at how far a job is
+_STUCK = ("too many cutbacks", "increment size smaller", "seems to diverge")
 _ERROR = re.compile(r"\*ERROR[^\n]*(?:\n(?!\s*\*)[^\n]*)?")
-_TOLD = 400  # characters of what ccx says
+_MOST_TOLD = 400  # characters of what ccx says
 _INSTALL = (
     "install it (Debian and Ubuntu: apt install calculix-ccx; others: www.calculix.de), or name"
     " the program with ccx="
 )
+
+
+Told = Callable[[int], object]  # of the number of increments that are done
 
 
 class Matrices(NamedTuple):
@@ -59,6 +76,20 @@ class HeldCases(NamedTuple):
         """Those that have a shape."""
         there = np.all(np.isfinite(self.shapes), axis=1)
         return HeldCases(self.factors[there], self.shapes[there])
+
+
+class Released(NamedTuple):
+    """A structure that was let go, in time."""
+
+    t: Array  # (m,), s, even, from the release on
+    moved: Array  # (m, k), displacements of some freedoms
+    rayleigh: tuple[float, float]  # factors of mass (1/s) and stiffness (s) that damp it
+    ended: str = ""  # why it ended before its time
+
+    def true(self, omega: Array) -> Array:
+        """Frequencies, rad/s, of what is seen at some: the trapezoidal rule is too slow."""
+        step = self.t[1] - self.t[0]
+        return np.asarray(2 / step * np.tan(omega * step / 2))
 
 
 @dataclass(frozen=True)
@@ -131,6 +162,57 @@ class CalculiX:
             job.run()
             return _symmetric(job.path(".sti"), len(load))
 
+    def released(
+        self,
+        deck: Deck,
+        known: Matrices,
+        load: Array,
+        rows: Sequence[int],
+        step: float,
+        count: int,
+        rayleigh: tuple[float, float] = (0.0, 0.0),
+        told: Told = lambda _: None,
+    ) -> Released:
+        """Displacements of some freedoms after a load (n,) that held the structure is let go.
+
+        By ``*DYNAMIC`` in so many steps, s, of the trapezoidal rule, whose period is too long by
+        (omega step)^2 / 12, see `Released.true`; as many as converge before an interruption.
+
+        Raises a DeckError where CalculiX refuses the deck, or takes no step.
+        """
+        where = known.nodes[rows], known.directions[rows]
+        steps = _RELEASED.format(
+            told=_SET,
+            nodes=_in_lines(where[0]),
+            element=deck.solid,
+            step=step,
+            end=count * step,
+            most=count + 1,
+            loads=_loads(known, load),
+            free=f"{known.nodes[0]},{known.directions[0]}",
+            output=_TOLD_IN_TIME.format(_SET),
+        )
+        ended = ""
+        with self._job("released", _damped(deck, *rayleigh) + steps) as job:
+            try:
+                job.run(may_end=True, told=told)
+            except KeyboardInterrupt:
+                ended = STOPPED
+            tables = {
+                round(time / step) - 1: table
+                for time, table in _blocks(job.read(".dat"), where[0])
+                if time > step / 2 and abs(time / step - round(time / step)) < _WHOLE
+            }
+        order = np.searchsorted(np.unique(where[0]), where[0])
+        moved = np.array([tables[i][order, where[1]] for i in range(len(tables))])
+        if len(moved) < 2 and ended:
+            raise KeyboardInterrupt
+        if len(moved) < 2:
+            raise DeckError(f"{deck.path}: CalculiX takes no step in time after the release")
+        if not ended and len(moved) <= count:
+            ended = "the next step does not converge in CalculiX"
+        return Released(step * np.arange(len(moved)), moved, rayleigh, ended)
+
     @contextmanager
     def _job(self, name: str, text: str) -> Iterator[_Job]:
         program = shutil.which(self.program)
@@ -159,26 +241,35 @@ class _Job:
         path = self.path(ending)
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
-    def run(self, *, may_end: bool = False) -> None:
+    def run(self, *, may_end: bool = False, told: Told = lambda _: None) -> None:
         """Run it; with ``may_end`` it may stop where there is no further equilibrium."""
         self.path(".inp").write_text(self.text, encoding="utf-8")
-        done = subprocess.run(
+        with subprocess.Popen(
             [self.program, self.name],
             cwd=self.folder,
-            check=False,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
             stdin=subprocess.DEVNULL,
-        )
-        said = f"{done.stdout}\n{done.stderr}"
+        ) as ccx:
+            said = None
+            try:
+                while said is None:
+                    try:
+                        said, _ = ccx.communicate(timeout=_LOOKS)
+                    except subprocess.TimeoutExpired:
+                        told(self.read(".sta").count("\n") - _HEAD)
+            except BaseException:  # as `subprocess.run` does
+                ccx.kill()
+                raise
         self.path(".printed").write_text(said, encoding="utf-8")
         error = _ERROR.search(said)
-        stuck = "too many cutbacks" in said or "increment size smaller" in said
-        if may_end and stuck and self.read(".sta").count("\n") >= 2:
+        stuck = any(words in said for words in _STUCK)
+        if may_end and stuck and self.read(".sta").count("\n") >= _HEAD:
             return
-        if error is not None or done.returncode:
-            what = " ".join((error[0] if error else said[-_TOLD:]).split())[:_TOLD]
+        if error is not None or ccx.returncode:
+            what = " ".join((error[0] if error else said[-_MOST_TOLD:]).split())[:_MOST_TOLD]
             raise DeckError(f"CalculiX refuses the deck ({self.name}): {what}")
 
 
@@ -190,29 +281,50 @@ def _symmetric(path: Path, n: int) -> csc_array:
     return csc_array(half + half.T - diags_array(half.diagonal()))
 
 
+def _damped(deck: Deck, alpha: float, beta: float) -> str:
+    """The model with Rayleigh damping: of its springs and masses as well, as was tried."""
+    lines: list[str] = []
+    for card in deck.cards:
+        if card.name == "DENSITY" and (alpha or beta):
+            lines.append(f"*DAMPING,ALPHA={alpha:.9e},BETA={beta:.9e}")
+        lines += () if card.name == "DAMPING" else card.lines
+    return "\n".join(lines) + "\n"
+
+
 def _step(known: Matrices, load: Array) -> str:
+    return _HELD.format(loads=_loads(known, load), free=_SET)
+
+
+def _loads(known: Matrices, load: Array) -> str:
     rows = zip(known.nodes, known.directions, load, strict=True)
-    loads = "\n".join(f"{node},{direction},{force:.12e}" for node, direction, force in rows)
-    return _HELD.format(loads=loads, free=_SET)
+    return "\n".join(f"{node},{direction},{force:.12e}" for node, direction, force in rows if force)
 
 
 def _node_set(nodes: Array) -> str:
+    return f"*NSET,NSET={_SET}\n{_in_lines(nodes)}\n"
+
+
+def _in_lines(nodes: Array) -> str:
     numbers = [str(n) for n in np.unique(nodes)]
     lines = [numbers[i : i + _PER_LINE] for i in range(0, len(numbers), _PER_LINE)]
-    return f"*NSET,NSET={_SET}\n" + "".join(",".join(line) + ",\n" for line in lines)
+    return "\n".join(",".join(line) + "," for line in lines)
 
 
 def _printed(text: str, known: Matrices) -> Iterator[tuple[int, Array]]:
     """Number of the step, and displacements of the free freedoms, where a step was completed."""
-    row_of = {node: i for i, node in enumerate(np.unique(known.nodes))}
-    rows = [row_of[node] for node in known.nodes]
-    for block in text.split("displacements (vx,vy,vz)")[1:]:
-        head, _, body = block.partition("\n")
-        time = float(head.split()[-1])
-        if abs(time - round(time)) > 1e-6:  # an increment within a step
-            continue
-        table = np.array([line.split() for line in body.split("\n") if line.strip()], float)
-        if len(table) < len(row_of):
+    rows = np.searchsorted(np.unique(known.nodes), known.nodes)
+    for time, table in _blocks(text, known.nodes):
+        if abs(time - round(time)) < 1e-6:  # no increment within a step
+            yield round(time), table[rows, known.directions]
+
+
+def _blocks(text: str, nodes: Array) -> Iterator[tuple[float, Array]]:
+    """Times, and numbers and displacements (k, 4) of some nodes, in the order of their numbers."""
+    count = len(np.unique(nodes))
+    whole = text.rpartition("\n")[0]  # lines
+    for block in whole.split("displacements (vx,vy,vz)")[1:]:
+        head, *body = [line.split() for line in block.split("\n") if line.strip()]
+        if len(body) < count or len(body[count - 1]) < 4:
             return  # the file was cut off there
-        order = np.argsort(table[:, 0])
-        yield round(time), table[order][rows, known.directions]
+        table = np.array(body[:count], float)
+        yield float(head[-1]), table[np.argsort(table[:, 0])]

@@ -185,6 +185,12 @@ class Deck:
         return [side for side in sides if times[frozenset(side)] == 1]
 
     @property
+    def solid(self) -> str:
+        """Number of one of its solids."""
+        first = (c for c in self.of("ELEMENT") if _SOLID.match(_type(c)))
+        return next(next(card.fields())[0] for card in first)
+
+    @property
     def next_element(self) -> int:
         """A number that no element has."""
         firsts = [int(f[0]) for c in self.of("ELEMENT") for f in c.fields() if f[0].isdigit()]

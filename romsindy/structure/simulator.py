@@ -47,6 +47,13 @@ class Damping(NamedTuple):
         """Rates of modes, 1/s."""
         return 2 * self.damping_ratio * omega + self.alpha + self.beta * omega**2
 
+    def rayleigh(self, omega: float, beside: float = np.inf) -> tuple[float, float]:
+        """Factors of mass (1/s) and stiffness (s): at these two frequencies the same rates."""
+        ratio = 2 * self.damping_ratio
+        return self.alpha + ratio * omega / (1 + omega / beside), self.beta + ratio / (
+            omega + beside
+        )
+
 
 class Units(NamedTuple):
     """SI units in one of a model: m, kg."""

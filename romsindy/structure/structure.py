@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from romsindy.physics.validation import require_positive
-from romsindy.structure.calculix import CalculiX, HeldCases
+from romsindy.structure.calculix import CalculiX, HeldCases, Released, Told
 from romsindy.structure.cases import CaseStore, DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
@@ -28,11 +28,13 @@ from romsindy.structure.simulator import (
     Units,
     member_of,
 )
+from romsindy.typing import Array
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
 _RING, _LOWEST = 5, 2  # modes that ring beside the one that is kept, and the lowest of them
 _RUNG = 0.003  # of the mode that is kept, at a sensor: what a release rings less is noise
+_HELD_AT, _TRIED = 1e-3, 20  # so near to a release, part of it, a load is looked for, and cases
 _SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
 
 
@@ -372,6 +374,74 @@ class Structure(LinearModel):
             rung = [i for x, i in sorted(zip(-part, others, strict=True)) if -x > _RUNG]
             lowest += [i for i in rung if i not in lowest][: most - len(lowest)]
         return [i + 1 for i in sorted(lowest)]
+
+    def released(
+        self,
+        sensors: Sequence[tuple[int | str, int]],
+        release: float,
+        step: float,
+        count: int,
+        mode: int = 1,
+        *,
+        held_by: str = "force",
+        damping: Damping | None = None,
+        told: Told = lambda _: None,
+    ) -> Released:
+        """Let the deck itself go, with all its modes, in CalculiX's own time (``*DYNAMIC``).
+
+        Parameters
+        ----------
+        sensors, mode, held_by
+            As for `simulator`.
+        release : float
+            Displacement of the first sensor, unit of length of the deck.
+        step, count : float, int
+            s, and how many; a hundredth of a cycle costs 0.03 % of the frequency, see
+            `Released.true`.
+        damping : Damping, optional
+            CalculiX takes Rayleigh damping: a ratio is that of the mode and, where a force held it,
+            of the mode that rings most beside it.
+        told : callable, optional
+            Takes the number of steps that are done.
+
+        Raises
+        ------
+        ValueError
+            For arrays, and a release that no load holds.
+        """
+        own, rows = self.cases, [self.freedom(*sensor) for sensor in sensors]
+        if not isinstance(own, DeckCases):
+            raise ValueError(f"{self.name} is no deck: arrays have no motion in CalculiX's time")
+        self.mode(1)  # what is rigid cannot be held
+        load, beside = self.mode(mode).momentum, np.inf
+        if held_by == "force":
+            load = np.eye(1, len(self.nodes), rows[0])[0]
+            rung = (self.shapes[:, rows[0]] / self.omega) ** 2
+            beside = float(
+                self.omega[np.argmax(np.where(np.arange(len(rung)) + 1 == mode, 0, rung))]
+            )
+        rayleigh = (damping or Damping()).rayleigh(float(self.omega[mode - 1]), beside)
+        load = self._holding(own, load, rows[0], release) * load
+        return own.program.released(own.deck, own.known, load, rows, step, count, rayleigh, told)
+
+    def _holding(self, own: DeckCases, load: Array, row: int, release: float) -> float:
+        """Times a load that displaces a freedom by ``release``, by secants from the linear one."""
+        before, at = 0.0, 0.0
+        factor = release / float(self.shapes[:, row] @ (self.shapes @ load / self.omega**2))
+        for _ in range(_TRIED):
+            held = own.program.held(own.deck, own.known, load, [factor])
+            if not len(held.factors):  # nothing holds so much
+                factor = (before + factor) / 2
+                continue
+            x = float(held.shapes[0, row])
+            if abs(x / release - 1) < _HELD_AT:
+                return factor
+            there = factor + (release - x) * (factor - before) / (x - at)
+            before, at, factor = factor, x, there
+        raise ValueError(
+            f"release = {release:.4g} is held by no load in CalculiX on {self.name}, which found"
+            f" {at:.4g} last: it may snap through before; take a smaller one"
+        )
 
     def _between(
         self,
