@@ -571,7 +571,8 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool) -> None:
     click.echo(
         f"right first {sum(o.good for o in outcomes)} of {len(outcomes)}, in the set"
         f" {sum(o.listed for o in outcomes)}, named and wrong"
-        f" {sum(o.wrong for o in outcomes)}; place within a tenth of the size {sum(places)} of {len(places)}"
+        f" {sum(o.wrong for o in outcomes)}; place within a tenth of the size {sum(places)} of"
+        f" {len(places)}"
     )
 
 

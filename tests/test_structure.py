@@ -300,7 +300,7 @@ def test_what_cannot_be_reduced_is_named_with_its_line(deck, card, words):
 
 
 def test_plane_elements_that_have_no_section_are_left_out(deck):
-    """As gmsh writes them beside the solids, for the sets of a surface; with a section they count."""
+    """As gmsh writes them for the sets of a surface; with a section they count."""
     solids = Deck.load(deck).text
     line = "*ELEMENT, TYPE=CPS8, ELSET=FACE\n901,1,2,3,4,5,6,7,8\n"
     deck.write_text(deck.read_text().replace("*MATERIAL", f"{line}*MATERIAL", 1))

@@ -14,12 +14,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
 
 from romsindy.structure.deck import Deck, DeckError
+from romsindy.structure.linear import HeldCases, Matrices
 from romsindy.typing import Array
 
 _SET = "ROMSINDY_FREE"
@@ -54,28 +55,6 @@ _INSTALL = (
 
 
 Told = Callable[[int], object]  # of the number of increments that are done
-
-
-class Matrices(NamedTuple):
-    """Stiffness and mass of the free freedoms, and which these are."""
-
-    stiffness: Any  # (n, n) csc_array; None where modes were kept, which alone ask for it
-    mass: csc_array
-    nodes: Array  # (n,), numbers
-    directions: Array  # (n,), 1 to 3
-
-
-class HeldCases(NamedTuple):
-    """Static cases: shapes that multiples of one load hold."""
-
-    factors: Array  # (m,)
-    shapes: Array  # (m, n), displacements of the free freedoms; nan where nothing holds
-
-    @property
-    def reached(self) -> HeldCases:
-        """Those that have a shape."""
-        there = np.all(np.isfinite(self.shapes), axis=1)
-        return HeldCases(self.factors[there], self.shapes[there])
 
 
 class Released(NamedTuple):

@@ -17,15 +17,15 @@ from joblib import Parallel, delayed
 from scipy.sparse import csc_array
 
 from romsindy.record.files.save import whole
-from romsindy.structure.calculix import CalculiX, HeldCases, Matrices
+from romsindy.structure.calculix import CalculiX
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found, HeldCurve, follow, of_cases
-from romsindy.structure.linear import Basis, LinearMode
-from romsindy.structure.ringing import Compliance, compliance, evenly
+from romsindy.structure.linear import Basis, Compliance, HeldCases, LinearMode, Matrices, compliance
 from romsindy.text import bar
 from romsindy.typing import Array
 
 _MOST_CASES = 40
+_TANGENTS = 8  # shapes along a curve, about which the stiffness is asked for
 MARK = "static cases of romsindy"  # in the file
 _SAME = 1e-12  # of a factor: so near to one that is kept it is that
 
@@ -221,7 +221,7 @@ class DeckCases:
 
     def compliance(self, curve: HeldCurve, shapes: Array) -> Compliance:
         """By CalculiX at some shapes along the curve, or kept."""
-        at, mode = evenly(curve), curve.mode
+        at, mode = curve.evenly(_TANGENTS), curve.mode
         factors = curve.force_at(at)
         kept = self.store.compliance(mode.number, factors, shapes)
         if kept is None:

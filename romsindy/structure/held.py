@@ -25,8 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from romsindy.structure.calculix import HeldCases
-from romsindy.structure.linear import LinearMode
+from romsindy.structure.linear import HeldCases, LinearMode
 from romsindy.typing import Array
 
 _GRID = 101  # points at which functions of q are compared, and fitted
@@ -91,6 +90,12 @@ class HeldCurve:
     def q(self) -> Array:
         """Coordinates at even steps, (n,)."""
         return np.linspace(*self.range, _GRID)
+
+    def evenly(self, count: int) -> Array:
+        """Coordinates over the range between which a polynomial is known best, (count,)."""
+        low, high = self.range
+        x = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        return (low + high) / 2 + (high - low) / 2 * x
 
     def _powers(self, q: Array, slope: bool = False) -> Array:
         """q^2 T_k, or their derivatives, (len(q), order - 1)."""

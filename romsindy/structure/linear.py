@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import eigsh
+from scipy.sparse.linalg import eigsh, splu
 
-from romsindy.structure.calculix import Matrices
 from romsindy.structure.deck import DeckError
 from romsindy.typing import Array
 
@@ -20,6 +19,28 @@ from romsindy.typing import Array
 _RIGID, _SHIFT = 1e-13, 1e-12
 _SYMMETRIC = 1e-8  # of the largest mass
 _SLIGHT = 1e-5  # of the largest eigenvalue of the mass: so negative is rounding
+
+
+class Matrices(NamedTuple):
+    """Stiffness and mass of the free freedoms, and which these are."""
+
+    stiffness: Any  # (n, n) csc_array; None where modes were kept, which alone ask for it
+    mass: csc_array
+    nodes: Array  # (n,), numbers
+    directions: Array  # (n,), 1 to 3
+
+
+class HeldCases(NamedTuple):
+    """Static cases: shapes that multiples of one load hold."""
+
+    factors: Array  # (m,)
+    shapes: Array  # (m, n), displacements of the free freedoms; nan where nothing holds
+
+    @property
+    def reached(self) -> HeldCases:
+        """Those that have a shape."""
+        there = np.all(np.isfinite(self.shapes), axis=1)
+        return HeldCases(self.factors[there], self.shapes[there])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +118,18 @@ class LinearModel:
                 " directions are 1, 2 and 3"
             )
         return int(rows[0])
+
+
+class Compliance(NamedTuple):
+    """What loads M phi of some modes do where a structure is held along one of them."""
+
+    at: Array  # (m,), its coordinates
+    shapes: Array  # (m, k, n), K_T^-1 M phi of modes, that one the first
+
+
+def compliance(tangent: csc_array, mass: csc_array, shapes: Array) -> Array:
+    """K_T^-1 M phi of modes (k, n), a row for each, by a tangent stiffness K_T."""
+    return np.asarray(splu(csc_array(tangent)).solve(np.asarray(mass @ shapes.T)).T)
 
 
 class Basis(NamedTuple):

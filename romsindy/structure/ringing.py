@@ -24,38 +24,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from romsindy.structure.held import HeldCurve
+from romsindy.structure.linear import Compliance
 from romsindy.typing import Array
 
-POINTS = 8  # shapes at which the stiffness is asked for
+_ORDER = 8  # of changes along the curve, at most
 _BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 _FINE = 40  # Chebyshev terms of functions of q that are asked one by one: twice the order
 
 
-class Compliance(NamedTuple):
-    """What loads M phi of some modes do where a structure is held."""
-
-    at: Array  # (m,), coordinates of the mode that is held
-    shapes: Array  # (m, k, n), of the mode that is held and of those that ring
-
-
-def compliance(stiffness: csc_array, mass: csc_array, shapes: Array) -> Array:
-    """K_T^-1 M phi of modes (k, n), a row for each."""
-    return np.asarray(splu(csc_array(stiffness)).solve(np.asarray(mass @ shapes.T)).T)
-
-
-def evenly(curve: HeldCurve) -> Array:
-    """Coordinates of a range at which the stiffness of other modes tells most, (POINTS,)."""
-    low, high = curve.range
-    x = np.cos(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
-    return (low + high) / 2 + (high - low) / 2 * x
-
-
 @dataclass(frozen=True, eq=False)
-class Ringing:
+class RungModes:
     """Modes that ring beside the one that is held.
 
     Changes of W and psi are q times Chebyshev polynomials over the range; without a ``Compliance``
@@ -77,7 +57,7 @@ class Ringing:
         omega2: Array,
         shapes: Array,
         known: Compliance | None,
-    ) -> Ringing:
+    ) -> RungModes:
         """Modes by number, with what is known of their compliance."""
         k, n = shapes.shape
         if known is None or not k:
@@ -86,7 +66,7 @@ class Ringing:
         inner = np.linalg.inv(known.shapes @ momenta)
         stiffness = (inner + np.swapaxes(inner, 1, 2))[:, 1:, 1:] / 2
         follow = (np.swapaxes(inner, 1, 2) @ known.shapes)[:, 1:]
-        order = min(len(known.at), POINTS)
+        order = min(len(known.at), _ORDER)
         solve = np.linalg.pinv(_powers(curve, known.at, order))
         changes = stiffness - np.diag(omega2), follow - shapes
         return cls(curve, numbers, omega2, shapes, *(np.tensordot(solve, x, 1) for x in changes))
@@ -111,7 +91,7 @@ class Ringing:
         change = np.tensordot(powers, self.bent[:, :, rows], 1)
         return change if slope else self.shapes[:, rows] + change
 
-    def at_point(self, row: int) -> Callable[[float], AtPoint]:
+    def at_point(self, row: int) -> Callable[[float], RungValues]:
         """What the motion asks of one q after the other, at a freedom.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
@@ -119,8 +99,8 @@ class Ringing:
         """
         low, high = self.curve.range
         centre, half, k = (low + high) / 2, (high - low) / 2, len(self.omega2)
-        nodes = np.cos(np.pi * (np.arange(_FINE) + 0.5) / _FINE)
-        q = centre + half * nodes
+        q = self.curve.evenly(_FINE)
+        nodes = (q - centre) / half
 
         def derived(values: Array) -> Array:
             slopes = chebyshev.chebder(chebyshev.chebfit(nodes, values, _FINE - 1)) / half
@@ -155,7 +135,7 @@ class Ringing:
         table = chebyshev.chebfit(nodes, np.hstack(columns), _FINE - 1).T
         orders, n, m = np.arange(_FINE), len(single), len(single) + len(several) * k
 
-        def at(q: float) -> AtPoint:
+        def at(q: float) -> RungValues:
             x = (q - centre) / half
             if not abs(x) < _BEYOND:
                 raise ValueError(
@@ -168,12 +148,12 @@ class Ringing:
                 terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
             v = table @ terms
             vectors, matrices = v[n:m].reshape(len(several), k), v[m:].reshape(2, k, k)
-            return AtPoint(*v[:n].tolist(), *vectors, *matrices)
+            return RungValues(*v[:n].tolist(), *vectors, *matrices)
 
         return at
 
 
-class AtPoint(NamedTuple):
+class RungValues(NamedTuple):
     """Functions of q at a freedom, whose displacement is x + psi^T r."""
 
     force: float  # K

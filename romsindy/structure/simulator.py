@@ -20,10 +20,9 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.sparse import csc_array
 
-from romsindy.structure.calculix import HeldCases
 from romsindy.structure.held import HeldCurve
-from romsindy.structure.linear import LinearMode, LinearModel
-from romsindy.structure.ringing import Ringing
+from romsindy.structure.linear import HeldCases, LinearMode, LinearModel
+from romsindy.structure.ringing import RungModes
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
@@ -176,7 +175,7 @@ class StructureSimulator:
         Whether it may act elsewhere.
     damping : Damping
         Of all modes.
-    ringing : Ringing
+    ringing : RungModes
         The modes that ring beside it.
     held_by : str
         What holds the structure until it is let go: a "force" at the first sensor, or the modal
@@ -196,7 +195,7 @@ class StructureSimulator:
     point: int
     anywhere: bool
     damping: Damping
-    ringing: Ringing
+    ringing: RungModes
     held_by: str
     units: Units
     parts: Mapping[str, PartDecks] = field(default_factory=dict)

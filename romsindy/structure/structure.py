@@ -11,14 +11,14 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from romsindy.physics.validation import require_positive
-from romsindy.structure.calculix import CalculiX, HeldCases, Released, Told
+from romsindy.structure.calculix import CalculiX, Released, Told
 from romsindy.structure.cases import CaseStore, DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
-from romsindy.structure.linear import LinearModel, check_arrays, linear_modes
+from romsindy.structure.linear import HeldCases, LinearModel, check_arrays, linear_modes
 from romsindy.structure.parts import CLAMP, PART, SOFT, PartValue, softened
 from romsindy.structure.reduction import Reduction, reduced
-from romsindy.structure.ringing import Ringing
+from romsindy.structure.ringing import RungModes
 from romsindy.structure.simulator import (
     HELD_BY,
     Damping,
@@ -341,7 +341,7 @@ class Structure(LinearModel):
         others = self._rung(mode, rows, rings, held_by)
         known = self.cases.compliance(curve, self.shapes[[n - 1 for n in (mode, *others)]])
         at = [n - 1 for n in others]
-        ringing = Ringing.of(curve, others, self.omega[at] ** 2, self.shapes[at], known)
+        ringing = RungModes.of(curve, others, self.omega[at] ** 2, self.shapes[at], known)
         si, kept = units or Units(), [mode, *others]
 
         def member(at: Mapping[str, float]) -> Member:
