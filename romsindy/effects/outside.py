@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from romsindy.typing import Array
 # Steady lines that are slower are a drifting offset (`romsindy.record.noise`): noise.
 _SLOWEST = 0.2
 HIGHEST = 6  # harmonic of hum that is looked for
+_SAME = 0.1  # of a frequency: modes of a simulation are not known better at large amplitude
 
 
 @dataclass(frozen=True)
@@ -101,18 +102,25 @@ class SuddenChange(OnClock):
         return 0.5 + 0.5 * np.tanh((t - self.time) / self.rise)[None]
 
 
-def _tone(scales: Scales) -> Parameter:
+def _tone(scales: Scales, beside: tuple[float, ...]) -> Parameter:
     omega = scales.omega
+    starts = tuple(tone for tone in scales.tones if not same_tone(tone, beside))
     return Parameter(
-        "frequency", scales.tones, _SLOWEST * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
+        "frequency", starts, _SLOWEST * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
     )
+
+
+def same_tone(tone: float, others: tuple[float, ...]) -> bool:
+    """Whether a frequency may be one of others, which a simulation has."""
+    return any(abs(tone / other - 1) < _SAME for other in others)
 
 
 @dataclass(frozen=True)
 class BaseExcitation(TimedEffect):
-    """Steady shaking of the support at one frequency."""
+    """Steady shaking of the support at one frequency, not one of those ``beside``, rad/s."""
 
     frequency: float = 1.0
+    beside: tuple[float, ...] = field(default=(), repr=False, compare=False)
 
     name, family, per_record, n_strengths = "base_excitation", "outside", True, 2
     resembles = ("mains_hum", "second_mode")
@@ -121,7 +129,7 @@ class BaseExcitation(TimedEffect):
     advice = "a sensor on the support, or a record of the structure at rest"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (_tone(scales),)
+        return (_tone(scales, self.beside),)
 
     def pull(self, t: Array, q: Array) -> Array:
         return np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
@@ -129,10 +137,14 @@ class BaseExcitation(TimedEffect):
 
 @dataclass(frozen=True)
 class Hum(ReadingEffect):
-    """Steady lines in the sensor: a frequency, and its harmonics where there are any."""
+    """Steady lines in the sensor: a frequency, and its harmonics where there are any.
+
+    Frequencies ``beside``, rad/s, are those of something else.
+    """
 
     frequency: float = 1.0
     harmonics: int = 1
+    beside: tuple[float, ...] = field(default=(), repr=False, compare=False)
 
     name, family, per_record = "mains_hum", "outside", True
     resembles = ("second_mode",)
@@ -152,7 +164,9 @@ class Hum(ReadingEffect):
 
     def forms(self, scales: Scales) -> tuple[Effect, ...]:
         """One line, and the combs that there are."""
-        return (Hum(), *(Hum(frequency, n) for frequency, n in scales.combs))
+        combs = ((f, n) for f, n in scales.combs if not same_tone(f, self.beside))
+        one = replace(self, harmonics=1)
+        return (one, *(replace(one, frequency=f, harmonics=n) for f, n in combs))
 
     def elsewhere(self, t: Array) -> Effect:
         """Its wires may pick up other harmonics."""
@@ -160,7 +174,7 @@ class Hum(ReadingEffect):
         return replace(self, harmonics=max(self.harmonics, min(below, HIGHEST)))
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        tone = _tone(scales)
+        tone = _tone(scales, self.beside)
         return (tone if self.harmonics == 1 else replace(tone, starts=(self.frequency,)),)
 
     def readings(self, t: Array, q: Array) -> Array:
@@ -170,10 +184,11 @@ class Hum(ReadingEffect):
 
 @dataclass(frozen=True)
 class SecondMode(ReadingEffect):
-    """A second mode that rings down beside the first."""
+    """A second mode that rings down beside the first, and those ``beside``, rad/s."""
 
     frequency: float = 1.0
     damping_ratio: float = 0.005
+    beside: tuple[float, ...] = field(default=(), repr=False, compare=False)
 
     name, family, per_record, n_strengths = "second_mode", "outside", True, 2
     formula = "exp(-zeta w t) cos(w t), exp(-zeta w t) sin(w t)"
@@ -181,11 +196,17 @@ class SecondMode(ReadingEffect):
     advice = "a sensor at the node of the first mode"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (_tone(scales), Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05))
+        return (
+            _tone(scales, self.beside),
+            Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05),
+        )
 
     def readings(self, t: Array, q: Array) -> Array:
         envelope = np.exp(-self.damping_ratio * self.frequency * t)
         return envelope * np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
+
+
+TONES = (BaseExcitation, Hum, SecondMode)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -24,13 +25,15 @@ from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, likeliest_p
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, ValueEffect
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
+from romsindy.diagnosis.search import strongest_tones
 from romsindy.diagnosis.structure import Corrected, as_measured, key_of, sensor_errors, with_signal
 from romsindy.effects.base import Effect
+from romsindy.effects.outside import TONES, same_tone
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, moved_parts
-from romsindy.fit.records.record import scales
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
@@ -47,6 +50,10 @@ _MOST = 3  # explanations that they are heard of: the best, and two that are sim
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
 _DETUNED = 2e-3
+# Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
+_TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
+_TONES_APART = 1e-2  # of the largest singular value: tones that are nearer are one
+_HARMONICS = 3.5  # of the slow mode: higher ones tell next to nothing
 _UNEXPLAINED = 0.2  # of what no explanation explains: by so much one may seem better than another
 
 
@@ -67,7 +74,38 @@ class SimulatorRounds(Rounds):
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
     variances: dict[tuple[str, str], Array] = field(default_factory=dict)
     there: bool = False  # whether the last step towards the records was within its errors
+    # Of each record, rad/s: what the simulator does beside its equation
+    rung: list[tuple[float, ...]] = field(default_factory=list)
     place: PlaceOnStructure | None = None  # of what acts at a point, once it was looked for
+
+    def begin(self) -> list[Corrected]:
+        """Simulate it as it is; what rings there is no tone of something else.
+
+        It rings at another frequency than measured by as much as its other modes are off, which
+        leaves tones.
+        """
+        found = super().begin()
+        self.rung = [_rung(record, c) for record, c in zip(self.records, found, strict=True)]
+        tones = tuple(itertools.chain(*self.rung))
+        self.general = [
+            replace(e, beside=tones) if isinstance(e, TONES) else e for e in self.general
+        ]
+        return self._without_rung(found)
+
+    def _without_rung(self, found: list[Corrected]) -> list[Corrected]:
+        """The same without tones that the simulator has otherwise than the records."""
+        if not any(self.rung):
+            return found
+        calm = []
+        for record, tones, c in zip(self.records, self.rung, found, strict=True):
+            left = record.signal - self.structure.coordinate(c.readings)
+            lines = 4 * np.pi / float(record.t[-1])  # two lines of its spectrum
+            loudest = strongest_tones(record.t, left * np.hanning(len(left)), _TONES, lines)
+            rung = [w for w in loudest if same_tone(w, tones) and _apart(w / record.rate)]
+            tone = tones_in(record.t, left, rung)
+            calm.append(c._replace(decay=with_signal(c.decay, c.decay.signal - tone)))
+        self.return_to(calm)
+        return calm
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
@@ -76,7 +114,7 @@ class SimulatorRounds(Rounds):
         """
         if [key_of(p) for p in parts] != [key_of(p) for p in self.own]:
             self.releases = [None] * len(self.records)
-        found = super().simulate(parts)
+        found = self._without_rung(super().simulate(parts))
         seen = [
             as_measured(r, self.structure.coordinate(c.readings))
             for r, c in zip(self.records, found, strict=True)
@@ -473,6 +511,34 @@ class SimulatorRounds(Rounds):
             p.moved(there[key].values - own[key].values) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
+
+
+def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
+    """Frequencies (rad/s) of what a simulator does beside its equation, above the noise."""
+    beside = record.signal - found.decay.signal
+    window = np.hanning(len(beside))
+    tones = strongest_tones(record.t, beside * window, _TONES, _APART * record.rate)
+    loud = _AUDIBLE * record.noise.std * window.sum() / 2
+    waves = (np.exp(-1j * tone * record.t) for tone in tones)
+    rung = zip(tones, waves, strict=True)
+    return tuple(w for w, wave in rung if abs(np.sum(window * beside * wave)) > loud)
+
+
+def _apart(order: float) -> bool:
+    """Whether a tone is none of the lowest harmonics, which tell of the coordinate."""
+    return order > _HARMONICS or abs(order - round(order)) > _APART
+
+
+def tones_in(t: Array, x: Array, tones: Sequence[float]) -> Array:
+    """What a signal (n,) has of tones (rad/s) that grow or fade in proportion to time."""
+    if not tones:
+        return np.zeros_like(x)
+    waves = np.exp(1j * np.outer(t, tones))
+    waves = np.hstack([waves, (2 * t / t[-1] - 1)[:, None] * waves])
+    columns = np.hstack([waves.real, waves.imag])
+    window = np.sin(np.pi * (np.arange(len(t)) + 0.5) / len(t))  # what is slow leaks less into them
+    found, *_ = np.linalg.lstsq(window[:, None] * columns, window * x, rcond=_TONES_APART)
+    return np.asarray(columns @ found)
 
 
 def left_of(
