@@ -22,11 +22,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 from sklearn.base import BaseEstimator
 
-from romsindy.fit.forced.drives import inputs_in, refuse_displacement
-from romsindy.fit.forced.drives import regressed as regressed_about_motion
 from romsindy.fit.records.arguments import require_unit, small_frequencies
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records
-from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.driven import ForcedRecord, inputs_in, refuse_displacement
+from romsindy.fit.records.driven import regressed as regressed_about_motion
 from romsindy.fit.records.record import NUMERICS
 from romsindy.fit.records.smooth import ways
 from romsindy.physics.coupled import CoupledModel

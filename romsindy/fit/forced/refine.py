@@ -18,7 +18,6 @@ import numpy as np
 from romsindy.effects.base import Effect
 from romsindy.effects.drive import Drive
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
-from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
@@ -32,6 +31,7 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.coupled import Offset, free_offsets, free_shapes
+from romsindy.fit.records.driven import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.records.modes import Modes, modes_near
 from romsindy.fit.records.smooth import Rivals, rated, ways
 from romsindy.fit.results.fitted import Fit, examined, refined
