@@ -158,8 +158,7 @@ class Look(NamedTuple):
         progress: Callable[[str], None] | None = None,
     ) -> Fit:
         """Coefficients of these names, from a model with its inputs on."""
-        pairs = zip(model.terms, model.values, strict=True)
-        acting = [(i, gain) for t, gain in pairs if (i := input_in(t)) is not None]
+        acting = [(i, gain) for t, gain in model.pairs if (i := input_in(t)) is not None]
         refuse_displacement(*zip(*acting, strict=True))
         beside = (*drives_of(model, self.driven), *self.shapes)
         problem = Driven(names, self.records, loss, progress)

@@ -209,9 +209,7 @@ def _compared(own: Array, values: Sequence[Array]) -> list[Followed]:
 
 def _linear(model: ReducedModel) -> ReducedModel:
     """Its linear terms, and damping that no smooth function of q is."""
-    kept = [(t, v) for t, v in zip(model.terms, model.values, strict=True) if _always(t)]
-    terms, values = zip(*kept, strict=True)
-    return ReducedModel(terms, values, model.unit, model.amplitude_range)
+    return model.with_terms((term, value) for term, value in model.pairs if _always(term))
 
 
 def _always(term: Term) -> bool:
@@ -560,7 +558,7 @@ class Identification(Estimate):
         """Those of the short equation, with their 95 % bands."""
         rows = [["coefficient", "value", "95 %", "unit"]]
         short = self.short
-        for term, value in zip(short.model.terms, short.model.values, strict=True):
+        for term, value in short.model.pairs:
             low, high = short.bands.get(term.key, (value, value))
             known = [f"{value:.6g}", "(fixed)"]
             number = with_band(value, low, high) if term.key in short.bands else known

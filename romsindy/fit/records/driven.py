@@ -170,7 +170,7 @@ def drives_of(model: Equations, records: Sequence[Prepared]) -> tuple[Part, ...]
     """
     most = latest(records)
     found: dict[Input, dict[tuple[float, ...], float]] = {}
-    for term, gain in zip(model.terms, model.values, strict=True):
+    for term, gain in model.pairs:
         if (law := input_in(term)) is not None:
             weights = (*getattr(term, "weights", ()), *(0.0,) * model.n_coordinates)
             found.setdefault(law, {})[weights[: model.n_coordinates]] = gain

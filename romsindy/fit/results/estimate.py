@@ -294,7 +294,7 @@ class Estimate:
         errors, model = self.standard_errors, self.model
         rows = [
             [t.key, *with_error(value, errors.get(t.key, 0.0)), t.unit(model.unit)]
-            for t, value in zip(model.terms, model.values, strict=True)
+            for t, value in model.pairs
         ]
         return [["coefficient", "value", "+-", "unit"], *rows]
 
@@ -420,7 +420,7 @@ class Estimate:
     def __str__(self) -> str:
         errors = self.standard_errors
         lines = [f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"]
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
+        for term, value in self.model.pairs:
             error = f"+- {errors[term.key]:.2g}" if term.key in errors else "(fixed)"
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
