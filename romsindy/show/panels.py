@@ -25,7 +25,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.regression.judged import Beside
 from romsindy.show import plots
-from romsindy.show.axes import legend_once, with_unit
+from romsindy.show.axes import labelled, legend_once, with_unit
 from romsindy.show.compared import (
     Compared,
     Density,
@@ -463,6 +463,5 @@ def draw_force_left(fit: SteadyFit, figure: Figure) -> None:
     for force, mine in levels_of(fit):
         left = 100 * np.abs(fit.misfit[mine])
         ax.plot(hz[mine], left, ".-", lw=0.7, ms=4, label=f"{force:.4g}")
-    ax.set(xlabel="frequency (Hz)", ylabel="force left over (%)")
     ax.set_ylim(0, None)
-    ax.legend(loc="best", frameon=False, title="force")
+    labelled(ax, "frequency (Hz)", "force left over (%)", title="force")

@@ -25,6 +25,7 @@ from romsindy.regression.projection import HarmonicRows
 from romsindy.show.axes import (
     Fact,
     given_or_new,
+    labelled,
     legend_once,
     log_ratio,
     look,
@@ -87,10 +88,8 @@ def plot_decay(
         for peak, label in ((backbone.positive_peak, "peaks"), (backbone.negative_peak, None)):
             (line,) = ax.plot(backbone.t, peak, color="C1", lw=1.2, label=label)
             tell(line, *of_cycles(backbone))
-    ax.set(xlabel="time (s)", ylabel=with_unit("q", decay.unit))
     ax.margins(x=0.01)
-    ax.legend(loc="upper right", frameon=False)
-    return ax
+    return labelled(ax, "time (s)", with_unit("q", decay.unit), loc="upper right")
 
 
 def plot_backbone(
@@ -188,10 +187,8 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
             style = look(k) | {"marker": _DOTS[k % len(_DOTS)], "ms": 4, "lw": 0.8}
             ax.plot(verdict.amplitude[order], column[order], **style, label=label)
     ax.axhline(1, color="0.4", lw=0.8, ls=":")
-    ax.set(xlabel=with_unit("amplitude", verdict.unit), ylabel="residual over noise")
     log_ratio(ax)
-    ax.legend(loc="best", frameon=False, ncols=2)
-    return ax
+    return labelled(ax, with_unit("amplitude", verdict.unit), "residual over noise", ncols=2)
 
 
 def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
@@ -205,11 +202,9 @@ def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
     if verdict.sensor:
         noise = verdict.sensor * verdict.left / verdict.part
         ax.axhline(noise, color="0.4", lw=0.8, ls=":", label="noise of the sensor")
-    unit = verdict.measured_unit
-    ax.set(xlabel=with_unit("response, rms", unit), ylabel=with_unit("left of it, rms", unit))
     log_ratio(ax, "x")
-    ax.legend(loc="best", frameon=False)
-    return ax
+    names = ("response, rms", "left of it, rms")
+    return labelled(ax, *(with_unit(name, verdict.measured_unit) for name in names))
 
 
 def plot_relative_magnitude(
@@ -265,9 +260,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         scale = np.sqrt(np.mean(rows.target**2))
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
-    ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
-    ax.legend(loc="best", frameon=False)
-    return ax
+    return labelled(ax, "harmonic", "rms residual / rms target")
 
 
 def plot_branch(
@@ -581,6 +574,4 @@ def _beside(
 
 def _labelled(ax: Axes, found: Estimate, ylabel: str, coordinate: int = 1) -> Axes:
     name = "q" if found.model.n_coordinates == 1 else f"$q_{coordinate}$"
-    ax.set(xlabel=with_unit(name, found.model.unit), ylabel=ylabel)
-    ax.legend(loc="best", frameon=False)
-    return ax
+    return labelled(ax, with_unit(name, found.model.unit), ylabel)

@@ -27,6 +27,7 @@ from romsindy.fit.adequacy.verdicts import (
     CYCLES,
     LEAST_LEVELS,
     MOST_LEVELS,
+    NOT_TRIED,
     Adequacy,
     ForcedAdequacy,
     examine,
@@ -382,11 +383,6 @@ def examine_forced(
     power = sum(float(e @ e) for e in residuals)
     return ForcedAdequacy(
         ratio=float(np.sqrt(chi_squared_of(records, residuals) / max(n - n_values, 1))),
-        p_value=np.nan,
-        structure=1.0,
-        below_floor=False,
-        amplitude=np.zeros(0),
-        misfit=np.zeros(0),
         limit=max(r.amplitude for r in records),
         unit=records[0].decay.unit,
         false_alarm=false_alarm,
@@ -394,6 +390,7 @@ def examine_forced(
         part=part_of(records, residuals),
         measured_unit=records[0].decay.signal_unit,
         levels=_levels(records, residuals),
+        **NOT_TRIED,
     )
 
 

@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
+from romsindy.fit.records.arguments import not_fixed
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
@@ -295,9 +296,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
         raise ValueError(
             f"model is {type(model).__name__}: give a ReducedModel, or None to have it chosen"
         )
-    unknown = sorted(set(fixed) - set(model.coefficients))
-    if unknown:
-        raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    free = not_fixed(model, fixed)
     model.refuse_memory("a balance of harmonics")
     jumps = [term.key for term in model.terms if not term.smooth]
     if jumps:
@@ -305,7 +304,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
             f"the force of {jumps[0]} jumps: give model.regularised(velocity_scale), which is"
             " smooth below a small velocity"
         )
-    return tuple(name for name in model.coefficients if name not in fixed)
+    return free
 
 
 def _require_lags(points: SteadyPoints) -> None:

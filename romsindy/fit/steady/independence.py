@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from romsindy.effects.choices import sought
 from romsindy.fit.adequacy.independence import tell_together
-from romsindy.fit.adequacy.verdicts import SteadyAdequacy
+from romsindy.fit.adequacy.verdicts import NOT_TRIED, SteadyAdequacy
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.steady.balance import CHAIN, Rows, SteadyPoints, linearised
@@ -99,15 +99,11 @@ def verdict_of(points: SteadyPoints, solution: SteadySolution, given: bool) -> S
     power = float(np.sum(solution.over_noise**2)) if given else np.nan
     verdict = SteadyAdequacy(
         ratio=np.sqrt(power / (n * k - n_fitted)),
-        p_value=np.nan,
-        structure=1.0,
-        below_floor=False,
-        amplitude=np.zeros(0),
-        misfit=np.zeros(0),
         limit=float(points.amplitude.max()),
         unit=solution.model.unit,
         part=_of_force(solution.misfit),
         unknown=np.sqrt(k) * solution.unexplained,
+        **NOT_TRIED,
     )
     tried = _tried(points, solution)
     if not tried.enough:
