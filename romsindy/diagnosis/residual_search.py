@@ -34,8 +34,8 @@ from romsindy.diagnosis.search import (
 )
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.effects.drive import Drive, InputBetweenSamples, InputDelay, InputLag
 from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Drive, InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy.independence import by_value_of, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError

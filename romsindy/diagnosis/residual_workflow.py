@@ -35,7 +35,7 @@ from romsindy.diagnosis.search import Options, smooth_model, sought_beside, unsu
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
-from romsindy.effects.drive import (
+from romsindy.effects.outside import (
     InputBetweenSamples,
     InputDelay,
     InputDistortion,

@@ -16,7 +16,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from romsindy.effects.base import Effect
-from romsindy.effects.drive import Drive
+from romsindy.effects.outside import Drive
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of

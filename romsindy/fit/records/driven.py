@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from romsindy.effects.drive import Drive, DriveAlong
+from romsindy.effects.outside import Drive, DriveAlong
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.linear_steps import NODES

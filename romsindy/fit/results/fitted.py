@@ -19,8 +19,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.base import Effect
-from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Drive
 from romsindy.fit.adequacy.independence import (
     Independence,
     examine_forced,
