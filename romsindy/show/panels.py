@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.results.estimate import Band, Curve, Estimate
 from romsindy.fit.results.fitted import SmallVibration
 from romsindy.fit.results.forced_band import ForcedBand
@@ -430,7 +431,7 @@ def draw_band(band: Band, figure: Figure) -> None:
         (above, band.frequency / hertz, band.frequency_std / hertz),
         (below, band.damping_ratio / percent, band.damping_ratio_std / percent),
     ):
-        reach = plots.SIGMAS_95 * std
+        reach = SIGMAS * std
         ends = values - reach, values + reach
         ax.fill_between(band.amplitude, *ends, color="C0", alpha=0.25, lw=0)
         ax.plot(band.amplitude, values, color="C0")

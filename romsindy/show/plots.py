@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.kernel.prepared import Prepared, one_a_decay
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.results.estimate import Band, Estimate, curves_near
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.results.forced_band import ForcedBand
@@ -36,7 +37,6 @@ from romsindy.show.axes import (
 from romsindy.text import listed
 from romsindy.typing import Array
 
-SIGMAS_95 = 1.96
 _FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
 _ALONG = 200  # amplitudes of a curve
@@ -54,7 +54,7 @@ def _curves(
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
-            reach = SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
+            reach = SIGMAS * getattr(band, f"{quantity}_std") / unit
             yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
             frequency, damping = curves_near(model, amplitudes, mode)(model)

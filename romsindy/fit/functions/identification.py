@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.functions.series import ModelStructure
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.estimate import (
     Band,
@@ -59,7 +60,6 @@ _ENOUGH = 0.3
 _CORRECTIONS = 2  # of the linearised frequency
 _STEP = 1e-4  # of stiffness and inertia, for the slope of the frequency
 _ROUNDING = 1e-9
-_SIGMAS = 1.96
 
 
 class Followed(NamedTuple):
@@ -92,7 +92,7 @@ class _Target(NamedTuple):
     @classmethod
     def of(cls, value: Array, drawn: Array, strict: bool) -> _Target:
         """Off by a tenth of its change, or its own error; ``strict``: if that hides the change."""
-        error = _SIGMAS * np.std(drawn, axis=0)
+        error = SIGMAS * np.std(drawn, axis=0)
         change = float(np.ptp(value))
         counts = not strict or change < HARDLY * float(error.max())
         least = _ROUNDING * float(np.abs(value).max()) + 1e-300

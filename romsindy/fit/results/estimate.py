@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy, SteadyAdequacy
-from romsindy.fit.process_noise import Form, as_coefficients, normal_draws
+from romsindy.fit.process_noise import SIGMAS, Form, as_coefficients, normal_draws
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.results.predict import Forecast, Sensors, foretold, predicted
 from romsindy.fit.verdict import REFUSED
@@ -248,7 +248,7 @@ class Estimate:
         values = self.model.coefficients
         if name not in values:
             raise ValueError(f"name = {name!r} is no coefficient: there are {', '.join(values)}")
-        half = 1.96 * self.standard_errors.get(name, 0.0)
+        half = SIGMAS * self.standard_errors.get(name, 0.0)
         return values[name] - half, values[name] + half
 
     def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
@@ -286,7 +286,7 @@ class Estimate:
         def read(model: Equations) -> Array:
             return function(model, q)
 
-        value, half = read(self.model), 1.96 * self.errors_of(read)
+        value, half = read(self.model), SIGMAS * self.errors_of(read)
         return Curve(q, value, value - half, value + half)
 
     def table(self) -> list[list[str]]:
