@@ -16,10 +16,10 @@ from romsindy.diagnosis.residual_workflow import search_beside_inputs
 from romsindy.diagnosis.search import Options
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
 from romsindy.effects.base import Scales
-from romsindy.fit.forced.drives import drives_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.shooting import resimulated
+from romsindy.fit.records.driven import drives_of
 from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0

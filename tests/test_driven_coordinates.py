@@ -7,7 +7,7 @@ from scipy.integrate import odeint
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.effects.drive import DriveAlong
+from romsindy.effects.outside import DriveAlong
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part

@@ -84,32 +84,6 @@ reading_options = grouped(
 )
 
 
-class HeadedCommand(click.Command):
-    """A command whose --help lists its options under headings.
-
-    ``headings`` has the names of options, between blanks, by the heading under which they stand;
-    what is in none stands under "Other". Without any all stand under "Options".
-    """
-
-    def __init__(
-        self, *args: Any, headings: Mapping[str, str] | None = None, **settings: Any
-    ) -> None:
-        super().__init__(*args, **settings)
-        self.headings = headings or {}
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options heading by heading, each in the order of its names."""
-        left = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        rest = "Other" if self.headings else "Options"
-        for heading, names in {**self.headings, rest: ""}.items():
-            own = [p for name in names.split() for p in left if name in p.opts]
-            rows = [p.get_help_record(ctx) for p in (own if names else left)]
-            if any(rows):
-                with formatter.section(heading):
-                    formatter.write_dl([row for row in rows if row is not None])
-            left = [p for p in left if p not in own]
-
-
 def _needs_plotly(_: click.Context, __: click.Parameter, asked: bool) -> bool:
     if asked:
         from romsindy.show.interactive import check_plotly  # figures are for those who ask

@@ -18,7 +18,6 @@ from typing import Any
 import click
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
-from romsindy.commands.options import HeadedCommand
 from romsindy.record.files.save import is_stream, write_whole
 
 # What a file holds that the same option of the same command wrote.
@@ -58,16 +57,33 @@ class Output(click.Path):
         return path
 
 
-class WritingCommand(HeadedCommand):
+class WritingCommand(click.Command):
     """A command that checks its outputs before it runs, and tells last what could not be written.
 
-    It has the option ``--force`` beside its own.
+    It has the option ``--force`` beside its own. Its --help lists them under ``headings``, which
+    have names of options, between blanks; what is in none stands under "Other". Without any all
+    stand under "Options".
     """
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
+    def __init__(
+        self, *args: Any, headings: Mapping[str, str] | None = None, **settings: Any
+    ) -> None:
         super().__init__(*args, **settings)
+        self.headings = headings or {}
         words = "Overwrite files that are there, whoever made them; never an input."
         self.params.append(click.Option(["--force"], is_flag=True, help=words))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options heading by heading, each in the order of its names."""
+        left = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        rest = "Other" if self.headings else "Options"
+        for heading, names in {**self.headings, rest: ""}.items():
+            own = [p for name in names.split() for p in left if name in p.opts]
+            rows = [p.get_help_record(ctx) for p in (own if names else left)]
+            if any(rows):
+                with formatter.section(heading):
+                    formatter.write_dl([row for row in rows if row is not None])
+            left = [p for p in left if p not in own]
 
     def invoke(self, ctx: click.Context) -> None:
         """Run it; the exit code says if a file was not written."""

@@ -152,7 +152,7 @@ class Result:
                     "standard_error": errors.get(term.key),
                     "unit": term.unit(self.model.unit),
                 }
-                for term, value in zip(self.model.terms, self.model.values, strict=True)
+                for term, value in self.model.pairs
             },
             "notes": [*(() if found is None else found.notes), *self.report.notes()],
             "report": str(self.page),

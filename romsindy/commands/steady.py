@@ -214,10 +214,8 @@ class SteadyTable:
         name: Quantity = quantity or _quantity(what, columns[what, 1, False])
         unit, factor = conversion(columns[what, 1, False], None, name)
         spread = columns.get(("spread", 1, False))
-        force, amplitude = (
-            columns["force", 1, False],
-            force_unit(columns["force", 1, False].unit or ""),
-        )
+        force = columns["force", 1, False]
+        amplitude = force_unit(force.unit or "")
         harmonics = [
             _complex(columns, what, n, -1 if lag else 1)
             * conversion(columns[what, n, False], None, name)[1]

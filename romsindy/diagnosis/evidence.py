@@ -24,8 +24,7 @@ from scipy.stats import chi2
 
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect
-from romsindy.effects.drive import InputDistortion
-from romsindy.effects.outside import Bias, Gain, SensorNonlinearity
+from romsindy.effects.outside import Bias, Gain, InputDistortion, SensorNonlinearity
 from romsindy.fit.adequacy.verdicts import examine_white
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import NormalEquations

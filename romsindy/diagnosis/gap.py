@@ -23,7 +23,6 @@ from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
-from romsindy.record.recording import unit_of
 from romsindy.text import Shown, left_over
 from romsindy.typing import Array
 
@@ -396,7 +395,6 @@ class ResidualGap:
         n = sum(len(r.signal) for r in records)
         noise = sum(len(r.signal) * noise_std(r) ** 2 for r in records) / n
         old, new = (sum(float(e @ e) for e in several) / n for several in (before, after))
-        decay = records[0].decay
         return cls(
             tuple(records),
             tuple(before),
@@ -406,7 +404,7 @@ class ResidualGap:
             before=part_of(records, before),
             after=part_of(records, after),
             closed=_closed(old, new, noise),
-            unit=unit_of(decay.measured, decay.unit),
+            unit=records[0].decay.signal_unit,
             where=where,
         )
 

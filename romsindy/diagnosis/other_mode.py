@@ -186,9 +186,9 @@ def _alone_again(
 ) -> FittedPieces:
     """Without coupling, also from where coupling led: what was not found at first is no proof."""
     own = {*start.model.terms, *(t for kind in _ALONE for t in candidates(2, kind))}
-    terms = zip(together.stage.model.terms, together.stage.model.values, strict=True)
-    values = {term: value for term, value in terms if term in own}
-    model = CoupledModel(tuple(values), tuple(values.values()), start.model.unit)
+    there = together.stage.model
+    kept = there.with_terms(pair for pair in there.pairs if pair[0] in own)
+    model = replace(kept, unit=start.model.unit, amplitude_range=None)
     pairs = zip(together.records, records, strict=True)
     moved = [replace(found, noise=given.noise) for found, given in pairs]
     again = of_plainest_kind(replace(together.stage, model=model), moved, _ALONE, progress)
@@ -216,8 +216,7 @@ def _beside(model: ReducedModel, other: Vibration) -> CoupledModel:
     """The model along q1, and beside it the frequency and damping of another vibration."""
     omega, zeta = 2 * np.pi * other.small_frequency, other.small_damping_ratio
     values = dict.fromkeys(linear_terms(2), 0.0)
-    pairs = zip(model.terms, model.values, strict=True)
-    values.update({Along.coordinate(term, 1): value for term, value in pairs})
+    values.update({Along.coordinate(term, 1): value for term, value in model.pairs})
     small = (omega**2, 2 * zeta * omega if zeta > 0 else 0.0)
     values.update(zip(linear_terms(2)[2:], small, strict=True))
     return CoupledModel(tuple(values), tuple(values.values()), model.unit)
@@ -264,7 +263,7 @@ def values_that_moved(nominal: ReducedModel, fit: Fit) -> str:
     """By how much values of the simulation surely moved beside another mode."""
     errors, now = fit.standard_errors, fit.model.coefficients
     moved = []
-    for term, was in zip(nominal.terms, nominal.values, strict=True):
+    for term, was in nominal.pairs:
         key = Along.coordinate(term, 1).key
         if was and abs(now[key] - was) > SURE * errors[key]:
             change = now[key] / was - 1

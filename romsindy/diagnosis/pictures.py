@@ -21,7 +21,6 @@ from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record
 from romsindy.physics.model import ReducedModel
-from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.show import compared as show
 from romsindy.show.axes import Fact, with_unit
@@ -218,8 +217,7 @@ def _off(found: Difference) -> str:
 
 def _reading(record: Record) -> tuple[str, str]:
     """What a record holds, and its unit."""
-    quantity = record.decay.measured
-    return quantity, unit_of(quantity, record.decay.unit)
+    return record.decay.measured, record.decay.signal_unit
 
 
 def _by_phase(missing: MissingForce) -> Picture:

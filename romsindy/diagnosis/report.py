@@ -374,10 +374,7 @@ class BesideDecays:
             "adequacy": remainder.ratio,
             "structure": remainder.structure,
             "gap": {
-                "on": gap.where,
-                "before": gap.before,
-                "after": gap.after,
-                "closed": gap.closed,
+                **closing(gap),
                 "differences_before": [_without_parts(d) for d in gap.differences_before],
                 "differences_after": [_without_parts(d) for d in gap.differences_after],
             },
@@ -552,6 +549,11 @@ class DiagnosisReport(BesideDecays, Explained):
         from romsindy.diagnosis.pictures import pictures
 
         return {p.name: p for p in pictures(self.nominal, self.added, self.records, self.gap)}
+
+
+def closing(gap: Any, *more: str) -> dict[str, Any]:
+    """What JSON says of a gap: on what it was measured, before and after, and ``more`` of it."""
+    return {"on": gap.where} | {k: getattr(gap, k) for k in ("before", "after", "closed", *more)}
 
 
 def in_json(advice: Advice | MoreOfIt) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
 from romsindy.diagnosis.held_out import followed, left_of
-from romsindy.diagnosis.report import Explained
+from romsindy.diagnosis.report import Explained, closing
 from romsindy.diagnosis.residual_search import ResidualSearch, driven_instead
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
@@ -224,19 +224,11 @@ class ResidualReport(Explained):
     # -- tables and files ------------------------------------------------------------------------
 
     def _content(self) -> dict[str, Any]:
-        gap = self.gap
         return {
             **super()._content(),
             **self._explanations(),
             "structure": self.remainder.structure,
-            "gap": {
-                "on": gap.where,
-                "before": gap.before,
-                "after": gap.after,
-                "closed": gap.closed,
-                "rms_before": gap.rms_before,
-                "rms_after": gap.rms_after,
-            },
+            "gap": closing(self.gap, "rms_before", "rms_after"),
             "left": self.left,
             "notes": list(self.notes),
         }
@@ -260,23 +252,19 @@ class ResidualReport(Explained):
         of += f", channel {channel + 1}" if every.shape[1] > 1 else ""
         given = (signal, before, after, name, unit)
         spectra = (record.decay.dt, noise_std(record), *given)
-        return {
-            p.name: p
-            for p in (
-                Picture(
-                    "time",
-                    "The records and what is missed",
-                    f"{of}; of all records {both}.",
-                    partial(show.draw_errors_in_time, record.t, *given),
-                ),
-                Picture(
-                    "spectrum",
-                    "At which frequencies it is missed",
-                    f"{of}, and the noise where the spectrum is quietest.",
-                    partial(show.draw_error_spectra, *spectra),
-                ),
-            )
-        }
+        time = Picture(
+            "time",
+            "The records and what is missed",
+            f"{of}; of all records {both}.",
+            partial(show.draw_errors_in_time, record.t, *given),
+        )
+        spectrum = Picture(
+            "spectrum",
+            "At which frequencies it is missed",
+            f"{of}, and the noise where the spectrum is quietest.",
+            partial(show.draw_error_spectra, *spectra),
+        )
+        return {p.name: p for p in (time, spectrum)}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

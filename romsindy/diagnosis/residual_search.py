@@ -34,8 +34,8 @@ from romsindy.diagnosis.search import (
 )
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.effects.drive import Drive, InputBetweenSamples, InputDelay, InputLag
 from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Drive, InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy.independence import by_value_of, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -224,10 +224,7 @@ def driven_instead(model: Equations, parts: Sequence[Part]) -> Equations:
         for e in (p.effect for p in parts)
         if isinstance(e, others)
     }
-    pairs = zip(model.terms, model.values, strict=True)
-    changed = ((instead.get(term.key, term), value) for term, value in pairs)
-    kept = {term: value for term, value in changed if term is not None}
-    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+    return model.with_terms((instead.get(term.key, term), value) for term, value in model.pairs)
 
 
 _SURVIVORS = 6  # of each screening are simulated

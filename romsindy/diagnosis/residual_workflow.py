@@ -35,7 +35,7 @@ from romsindy.diagnosis.search import Options, smooth_model, sought_beside, unsu
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
-from romsindy.effects.drive import (
+from romsindy.effects.outside import (
     InputBetweenSamples,
     InputDelay,
     InputDistortion,
@@ -43,7 +43,6 @@ from romsindy.effects.drive import (
     InputLag,
 )
 from romsindy.fit.adequacy.independence import examine_decays
-from romsindy.fit.forced.drives import drives_of, freed, inputs_in, latest, regressed
 from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part
 from romsindy.fit.records.arguments import small_frequencies
@@ -54,7 +53,7 @@ from romsindy.fit.records.coupled import (
     free_offsets,
     free_shapes,
 )
-from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.driven import ForcedRecord, drives_of, freed, inputs_in, latest, regressed
 from romsindy.fit.records.smooth import rated, ways
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED

@@ -46,7 +46,7 @@ from romsindy.typing import Array, Indices
 DRAWS = 400
 GROWS = "what the model lacks is not known there, and the band grows as the square of the amplitude"
 KNOWN = 2.0  # degrees of freedom for which what is known beforehand counts
-SIGMAS = 1.96
+SIGMAS, TAILS = 1.96, (0.025, 0.975)  # of a 95 % band
 # Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes

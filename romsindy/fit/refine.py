@@ -16,7 +16,6 @@ import numpy as np
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
-from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.hypothesis import with_memories
@@ -34,6 +33,7 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.coupled import coupled_records, free_offsets, free_shapes
+from romsindy.fit.records.driven import inputs_in, regressed
 from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of

@@ -198,11 +198,7 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
 
 
 def _driven_step(
-    found: Findings,
-    command: str,
-    kinds: Sequence[str],
-    response: str,
-    column: str = "",
+    found: Findings, command: str, kinds: Sequence[str], response: str, column: str = ""
 ) -> str:
     """How a record that is driven is identified with its inputs, or with a ``column`` as that."""
     response = "" if " --column " in command else response  # it is chosen

@@ -87,7 +87,7 @@ class CoupledModel(Equations):
         """Inputs, each with its coefficients on the coordinates, (R,)."""
         return [
             (term.law, value * self._padded(term.weights))
-            for term, value in self._pairs
+            for term, value in self.pairs
             if isinstance(term, Along) and isinstance(term.law, Input)
         ]
 
@@ -101,7 +101,7 @@ class CoupledModel(Equations):
         """Weights (R,) and what acts along them; each coordinate comes with its unit mass."""
         r = self.n_coordinates
         groups: dict[tuple[float, ...], dict] = {tuple(row.tolist()): {} for row in np.eye(r)}
-        for term, value in self._pairs:
+        for term, value in self.pairs:
             if isinstance(term, Along):
                 groups.setdefault(tuple(self._padded(term.weights).tolist()), {})[term.law] = value
         return [
@@ -111,7 +111,7 @@ class CoupledModel(Equations):
 
     @cached_property
     def _polynomials(self) -> _Polynomials:
-        return _Polynomials.of(self._pairs, self.n_coordinates)
+        return _Polynomials.of(self.pairs, self.n_coordinates)
 
     def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
         """Residual (..., R), its derivatives by q, q_dot and q_ddot (..., R, R) at (..., R)."""
@@ -262,7 +262,7 @@ class CoupledModel(Equations):
         [0.5*q2**2 + 1,     0.5*q1*q2],
         [    0.5*q1*q2, 0.5*q1**2 + 1]])
         """
-        return export.equations(self._pairs, self.coordinates)
+        return export.equations(self.pairs, self.coordinates)
 
 
 def model_from_json(text: str) -> Equations:

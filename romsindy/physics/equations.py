@@ -330,7 +330,7 @@ class Equations(TermSum, ABC):
         names = self._names(latex)
         left: list[list[str]] = [[] for _ in self.coordinates]
         right = [""] * len(left)
-        for term, value in self._pairs:
+        for term, value in self.pairs:
             driving = input_in(term)
             sign = 1 if driving is None else driving.sign
             for i, (factor, text) in _expressions(term, names).items():
@@ -359,8 +359,7 @@ class Equations(TermSum, ABC):
         return f"$$\\begin{{aligned}}\n{self.latex()}\n\\end{{aligned}}$$"
 
     def _repr_html_(self) -> str:
-        pairs = zip(self.terms, self.values, strict=True)
-        rows = [[t.key, f"{value:.6g}", t.unit(self.unit)] for t, value in pairs]
+        rows = [[t.key, f"{value:.6g}", t.unit(self.unit)] for t, value in self.pairs]
         table = TextTable("", [["coefficient", "value", "unit"], *rows])
         return shown(self.formulas(), [table], [f"q in {self.unit or 'its own unit'}, t in s"])
 
@@ -368,7 +367,7 @@ class Equations(TermSum, ABC):
         lines = self.equations()
         lines[-1] += f"    (q in {self.unit or 'its own unit [q]'}, t in s)"
         notes, width = self._notes(), max([12, *(len(t.key) for t in self.terms)])
-        for term, value in self._pairs:
+        for term, value in self.pairs:
             note, unit = notes.get(term.key, ""), term.unit(self.unit)
             lines.append(f"  {term.key:<{width}} {value:>12.6g}  {unit:<14}  {note}".rstrip())
         if self.amplitude_range is not None:
@@ -393,7 +392,7 @@ class Equations(TermSum, ABC):
             If sympy is not installed, a law of one's own has no counterpart in it, or MATLAB does
             not take the name.
         """
-        return export.matlab_function(self._pairs, str(self), name, self.coordinates)
+        return export.matlab_function(self.pairs, str(self), name, self.coordinates)
 
     def to_c(self, name: str = "rhs") -> str:
         """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
@@ -403,7 +402,7 @@ class Equations(TermSum, ABC):
         double y[2], double force, double dy[2])``; the comment says at which time the value of
         force is to be taken. Numbers have all their digits; raises as `to_matlab`.
         """
-        return export.c_function(self._pairs, str(self), name, self.coordinates)
+        return export.c_function(self.pairs, str(self), name, self.coordinates)
 
 
 def _expressions(term: Term, names: Names) -> dict[int, tuple[float, str]]:
@@ -427,9 +426,7 @@ def inputs_of(model: TermSum) -> tuple[Input, ...]:
 
 def without_inputs(model: Model) -> Model:
     """The free model."""
-    pairs = zip(model.terms, model.values, strict=True)
-    kept = {term: value for term, value in pairs if input_in(term) is None}
-    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+    return model.with_terms(pair for pair in model.pairs if input_in(pair[0]) is None)
 
 
 def with_inputs(model: Any, inputs: Sequence[Input], gains: Sequence[Any]) -> Any:

@@ -70,7 +70,7 @@ class ReducedModel(Equations):
     @property
     def pushes(self) -> list[tuple[Input, float | Array]]:
         """Inputs, each with its coefficient."""
-        return [(term, value) for term, value in self._pairs if isinstance(term, Input)]
+        return [(term, value) for term, value in self.pairs if isinstance(term, Input)]
 
     n_coordinates = 1  # no field; shapes without an axis for it are the plain and the quick way
 
@@ -128,7 +128,7 @@ class ReducedModel(Equations):
 
     @cached_property
     def _damped(self) -> list[tuple[Term, float]]:
-        return [(term, value) for term, value in self._pairs if term.has("damping")]
+        return [(term, value) for term, value in self.pairs if term.has("damping")]
 
     def _functions(self, q: Array) -> Array:
         """h, N, K and their derivatives, (6, *shape of q): all from one table of powers of q."""
@@ -149,7 +149,7 @@ class ReducedModel(Equations):
             column[: len(row)] = row
         others = []
         for i, part in enumerate(_OF_Q):
-            for term, value in self._pairs:
+            for term, value in self.pairs:
                 if term.has(part) and term.monomial(part) is None:
                     others.append((i, value, getattr(term, part)))
                     others.append((i + len(_OF_Q), value, getattr(term, f"{part}_dq")))
@@ -169,7 +169,7 @@ class ReducedModel(Equations):
         if part not in self._cache:
             powers: dict[int, float] = {}
             others = []
-            for term, value in self._pairs:
+            for term, value in self.pairs:
                 monomial = term.monomial(part)
                 if monomial is not None:
                     powers[monomial[1]] = powers.get(monomial[1], 0.0) + value * monomial[0]
@@ -180,7 +180,7 @@ class ReducedModel(Equations):
         return self._cache[part]
 
     def _parts(self, part: str) -> list[tuple[float, Callable]]:
-        return [(value, getattr(term, part)) for term, value in self._pairs if term.has(part)]
+        return [(value, getattr(term, part)) for term, value in self.pairs if term.has(part)]
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, push: Array | float = 0.0) -> Array:
         """q_ddot of the free motion, or under a force of inputs per unit mass, shape of q.
@@ -362,7 +362,7 @@ class ReducedModel(Equations):
             amplitudes,
             {
                 term.key: lambda *motion, c=value, law=term.strong: c * law(*motion)
-                for term, value in self._pairs
+                for term, value in self.pairs
             },
         )
 
@@ -454,7 +454,7 @@ class ReducedModel(Equations):
         >>> ReducedModel.from_coefficients({"omega^2": 36.0, "Upsilon_3": 0.5}).to_sympy()
         (-0.5*q*q_dot**2 - 36.0*q)/(0.5*q**2 + 1)
         """
-        return export.acceleration(self._pairs)
+        return export.acceleration(self.pairs)
 
 
 @dataclass(frozen=True)

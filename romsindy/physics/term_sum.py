@@ -11,7 +11,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from inspect import isabstract
@@ -195,7 +195,7 @@ class TermSum:
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
         if len({t.key for t in self.terms}) != len(self.terms):
             raise ValueError(f"terms appear twice: {[t.key for t in self.terms]}")
-        bad = {term.key: value for term, value in self._pairs if not np.isfinite(value)}
+        bad = {term.key: value for term, value in self.pairs if not np.isfinite(value)}
         if bad:
             raise ValueError(
                 f"coefficients must be finite, got {bad}: correct them, or leave their terms out"
@@ -222,16 +222,22 @@ class TermSum:
     @property
     def coefficients(self) -> dict[str, float]:
         """Coefficients by name: "omega^2", "gamma_3", "Upsilon_3", "c_linear", ..."""
-        return {term.key: value for term, value in self._pairs}
+        return {term.key: value for term, value in self.pairs}
 
     @cached_property
-    def _pairs(self) -> list[tuple[Term, float]]:
+    def pairs(self) -> list[tuple[Term, float]]:
+        """Terms, each with its coefficient."""
         return list(zip(self.terms, self.values, strict=True))
+
+    def with_terms(self, pairs: Iterable[tuple[Term | None, float]]) -> Self:
+        """Model of other terms, each with its coefficient; None is left out."""
+        kept = {term: value for term, value in pairs if term is not None}
+        return replace(self, terms=tuple(kept), values=tuple(kept.values()))
 
     @property
     def memories(self) -> dict[MemoryLaw, float]:
         """Forces among the terms that depend on the motion so far, with their coefficients."""
-        return {term: value for term, value in self._pairs if isinstance(term, MemoryLaw)}
+        return {term: value for term, value in self.pairs if isinstance(term, MemoryLaw)}
 
     def refuse_memory(self, what: str) -> None:
         """Refuse what is asked of the state alone, where a force remembers the motion."""
@@ -243,9 +249,7 @@ class TermSum:
 
     def undamped(self) -> Self:
         """Model without its damping terms."""
-        pairs = [(term.undamped(), value) for term, value in self._pairs]
-        kept = {term: value for term, value in pairs if term is not None}
-        return replace(self, terms=tuple(kept), values=tuple(kept.values()))
+        return self.with_terms((term.undamped(), value) for term, value in self.pairs)
 
     def regularised(self, velocity_scale: float) -> Self:
         """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
@@ -257,7 +261,7 @@ class TermSum:
         Every number reads back as the same number, see `romsindy.physics.term_sum`.
         """
         content = {
-            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in self._pairs],
+            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in self.pairs],
             "unit": self.unit,
             "amplitude_range": self.amplitude_range,
         }

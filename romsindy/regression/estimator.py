@@ -17,6 +17,7 @@ from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
 from romsindy.fit.records.arguments import require_unit, several_decays
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -265,6 +266,7 @@ class HarmonicSINDy(BaseEstimator):
         self, terms: Sequence[Term], x: Any, forced: Sequence[ForcedVibration], unit_known: bool
     ) -> HarmonicSINDy:
         """Of several coordinates, or under inputs."""
+        model: Equations
         known = dict(self.fixed or {})
 
         def solve(every: Sequence[Term], rows: WindowRows) -> ScaledOptimizer:
@@ -275,13 +277,13 @@ class HarmonicSINDy(BaseEstimator):
             decays = _whole_decays(x)
             unit_known = decays[0].unit is not None
             fixed_columns(known, terms, unit_known)  # refuses before any work
-            found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
-            self.mode_shapes_ = found.mode_shapes
+            model, found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
+            self.mode_shapes_ = found.shapes
         else:
-            found = regressed_forced(terms, forced, self._windows(), solve, self.weighted)
+            model, found = regressed_forced(terms, forced, self._windows(), solve, self.weighted)
             refuse_absurd(found.optimizer.fixed, found.terms, found.rows)
         self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
-        self.model_, self.rows_ = found.model, found.rows
+        self.model_, self.rows_ = model, found.rows
         return self
 
     def _windows(self) -> WindowProjection:
@@ -351,17 +353,16 @@ class HarmonicSINDy(BaseEstimator):
         third or fourth digit. Compare backbones too.
         """
         check_is_fitted(self)
-        if self.model_.numbered:
-            several = rows_of(
-                self.model_, _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
-            )
-            return float(r2_score(several.target, several.theta @ self.model_.values))
-        forced = as_forced(x, t, u)
-        if forced:
-            windows = rows_of_forced(self.model_, forced, self._windows(), self.weighted)
-            return float(r2_score(windows.target, windows.theta @ self.model_.values))
-        rows = self._rows(self.model_.terms, as_decays(x, t))
-        return float(r2_score(rows.target, rows.theta @ self.coef_))
+        rows: HarmonicRows | WindowRows
+        model = self.model_
+        if model.numbered:
+            given = _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
+            rows = rows_of(model, *given)
+        elif forced := as_forced(x, t, u):
+            rows = rows_of_forced(model, forced, self._windows(), self.weighted)
+        else:
+            rows = self._rows(model.terms, as_decays(x, t))
+        return float(r2_score(rows.target, rows.theta @ model.values))
 
     def equations(self, precision: int = 4) -> list[str]:
         """The identified equations, a line of text each."""

@@ -22,16 +22,14 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 from sklearn.base import BaseEstimator
 
-from romsindy.fit.forced.drives import inputs_in, refuse_displacement
-from romsindy.fit.forced.drives import regressed as regressed_about_motion
 from romsindy.fit.records.arguments import require_unit, small_frequencies
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records
-from romsindy.fit.records.driven import ForcedRecord
+from romsindy.fit.records.driven import ForcedRecord, inputs_in, refuse_displacement
+from romsindy.fit.records.driven import regressed as regressed_about_motion
 from romsindy.fit.records.record import NUMERICS
 from romsindy.fit.records.smooth import ways
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -302,30 +300,20 @@ class WindowProjection(BaseEstimator):
             raise ValueError(f"rounds = {self.rounds!r} must be a whole number of at least 1")
 
 
-class _Best(NamedTuple):
+class Regression(NamedTuple):
     """The best of several rounds; ``left`` is the mean square of what it leaves of its rows."""
 
     left: float
-    optimizer: BaseOptimizer
-    terms: tuple[Term, ...]
+    optimizer: BaseOptimizer  # fitted
+    terms: tuple[Term, ...]  # of the columns; inputs come last
     rows: WindowRows
-    shapes: Array
+    shapes: Array  # (c, R), what channels show of coordinates
 
     @property
     def kept(self) -> dict[Term, float]:
         """Terms whose coefficients are not 0."""
         pairs = zip(self.terms, self.optimizer.coef_[0].tolist(), strict=True)
         return {term: value for term, value in pairs if value}
-
-
-class Regression(NamedTuple):
-    """What a regression in windows has found."""
-
-    optimizer: BaseOptimizer  # fitted; `model` has those of its terms that are not 0
-    model: Equations
-    terms: tuple[Term, ...]  # of the columns; inputs come last
-    rows: WindowRows
-    mode_shapes: Array  # (c, R)
 
 
 def regressed(
@@ -335,8 +323,8 @@ def regressed(
     solve: Solve,
     known: Mapping[str, float],
     weighted: bool = True,
-) -> Regression:
-    """Find coefficients of terms of several coordinates, in rounds.
+) -> tuple[CoupledModel, Regression]:
+    """Find coefficients of terms of several coordinates, in rounds: the model, and the best round.
 
     Decays have one channel or several, in one unit; ``solve`` makes a fitted optimizer of terms and
     rows, and holds fixed what is ``known`` by name. Where ``weighted``, each channel is divided by
@@ -361,8 +349,8 @@ def regressed(
             f"the regression has left no positive {lost[0]}: ask for stiffness of degree 1, lower"
             " the threshold of the optimizer, or use fewer terms"
         )
-    model = CoupledModel(tuple(kept), tuple(kept.values()), decays[0].unit, _reach(followed))
-    return Regression(best.optimizer, model, best.terms, best.rows, best.shapes)
+    unit = decays[0].unit
+    return CoupledModel(tuple(kept), tuple(kept.values()), unit, _reach(followed)), best
 
 
 def regressed_forced(
@@ -371,8 +359,8 @@ def regressed_forced(
     projection: WindowProjection,
     solve: Solve,
     weighted: bool = True,
-) -> Regression:
-    """Find coefficients of terms and gains of inputs, in rounds.
+) -> tuple[ReducedModel, Regression]:
+    """Find coefficients of terms and gains of inputs, in rounds: the model, and the best round.
 
     Where nothing says what inputs do between their samples, it is what leaves least.
 
@@ -387,8 +375,8 @@ def regressed_forced(
     best = min(tried, key=lambda rounds: rounds.left)
     _refuse_lost_inputs(best.terms, best.optimizer.coef_[0].tolist())
     kept = best.kept
-    model = ReducedModel(tuple(kept), tuple(kept.values()), vibrations[0].unit, _reach(followed))
-    return Regression(best.optimizer, model, best.terms, best.rows, best.shapes)
+    unit = vibrations[0].unit
+    return ReducedModel(tuple(kept), tuple(kept.values()), unit, _reach(followed)), best
 
 
 def _refuse_lost_inputs(terms: Sequence[Term], coef: Sequence[float]) -> None:
@@ -404,7 +392,7 @@ def _refuse_lost_inputs(terms: Sequence[Term], coef: Sequence[float]) -> None:
 
 def _in_rounds(
     followed: Sequence[WindowMotion], terms: Sequence[Term], rounds: int, solve: Solve
-) -> _Best:
+) -> Regression:
     """Regress, follow the motion of the model found, and so on until nothing changes."""
     sizes, best = _sizes(followed), None
     for _ in range(rounds):
@@ -414,7 +402,7 @@ def _in_rounds(
         left = float(np.mean((rows.target - rows.theta @ coef) ** 2))
         settled = best is not None and abs(left - best.left) < _SETTLED * left
         if best is None or left < best.left:
-            best = _Best(left, optimizer, tuple(terms), rows, followed[0].shapes)
+            best = Regression(left, optimizer, tuple(terms), rows, followed[0].shapes)
         if settled:
             break
         followed = [record.following(terms, coef) for record in followed]

@@ -52,6 +52,13 @@ def legend_once(ax: Axes, **look: Any) -> None:
     ax.legend(named.values(), named.keys(), loc="best", frameon=False, **look)
 
 
+def labelled(ax: Axes, xlabel: str, ylabel: str, **look: Any) -> Axes:
+    """The axes with their labels, and a legend of what was drawn into them."""
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.legend(**({"loc": "best", "frameon": False} | look))
+    return ax
+
+
 # -- what is known of every point of a curve -------------------------------------------------------
 
 

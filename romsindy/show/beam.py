@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from romsindy.beam.equilibrium import ModalBasis, Shape
 from romsindy.beam.motion import Motion
 from romsindy.beam.transient import NormalMode
-from romsindy.show.axes import given_or_new, look, with_unit
+from romsindy.show.axes import given_or_new, labelled, look, with_unit
 from romsindy.typing import Array
 
 _MODAL = "kg^0.5 m"  # unit of a modal coordinate
@@ -107,6 +107,4 @@ def plot_normal_mode(
     margin = 0.05 * np.ptp([left, right, *hz])
     ax.set_xlim(min(left, hz.min() - margin), max(right, hz.max() + margin))
     ax.set_ylim(0, max(top, 1.05 * orbits.amplitude.max()))
-    ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", _MODAL))
-    ax.legend(loc="best", frameon=False)
-    return ax
+    return labelled(ax, "frequency (Hz)", with_unit("amplitude", _MODAL))

@@ -14,7 +14,6 @@ from scipy.signal import welch
 
 from romsindy.record.backbone import Backbone
 from romsindy.record.noise import Noise
-from romsindy.record.recording import unit_of
 from romsindy.show.axes import Fact, log_ratio, of_cycles, tell, with_unit
 from romsindy.typing import Array
 
@@ -85,7 +84,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             x,
             {"simulated": rest},
             decays[0].measured,
-            unit_of(decays[0].measured, decays[0].unit),
+            decays[0].signal_unit,
             own,
             _inputs(decays) if first.driven else {},
             # Rms velocity over rms displacement of the slowest coordinate

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.results.estimate import Band, Curve, Estimate
 from romsindy.fit.results.fitted import SmallVibration
 from romsindy.fit.results.forced_band import ForcedBand
@@ -25,7 +26,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.regression.judged import Beside
 from romsindy.show import plots
-from romsindy.show.axes import legend_once, with_unit
+from romsindy.show.axes import labelled, legend_once, with_unit
 from romsindy.show.compared import (
     Compared,
     Density,
@@ -430,7 +431,7 @@ def draw_band(band: Band, figure: Figure) -> None:
         (above, band.frequency / hertz, band.frequency_std / hertz),
         (below, band.damping_ratio / percent, band.damping_ratio_std / percent),
     ):
-        reach = plots.SIGMAS_95 * std
+        reach = SIGMAS * std
         ends = values - reach, values + reach
         ax.fill_between(band.amplitude, *ends, color="C0", alpha=0.25, lw=0)
         ax.plot(band.amplitude, values, color="C0")
@@ -463,6 +464,5 @@ def draw_force_left(fit: SteadyFit, figure: Figure) -> None:
     for force, mine in levels_of(fit):
         left = 100 * np.abs(fit.misfit[mine])
         ax.plot(hz[mine], left, ".-", lw=0.7, ms=4, label=f"{force:.4g}")
-    ax.set(xlabel="frequency (Hz)", ylabel="force left over (%)")
     ax.set_ylim(0, None)
-    ax.legend(loc="best", frameon=False, title="force")
+    labelled(ax, "frequency (Hz)", "force left over (%)", title="force")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.kernel.prepared import Prepared, one_a_decay
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.results.estimate import Band, Estimate, curves_near
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.results.forced_band import ForcedBand
@@ -25,6 +26,7 @@ from romsindy.regression.projection import HarmonicRows
 from romsindy.show.axes import (
     Fact,
     given_or_new,
+    labelled,
     legend_once,
     log_ratio,
     look,
@@ -35,7 +37,6 @@ from romsindy.show.axes import (
 from romsindy.text import listed
 from romsindy.typing import Array
 
-SIGMAS_95 = 1.96
 _FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
 _ALONG = 200  # amplitudes of a curve
@@ -53,7 +54,7 @@ def _curves(
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
-            reach = SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
+            reach = SIGMAS * getattr(band, f"{quantity}_std") / unit
             yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
             frequency, damping = curves_near(model, amplitudes, mode)(model)
@@ -87,10 +88,8 @@ def plot_decay(
         for peak, label in ((backbone.positive_peak, "peaks"), (backbone.negative_peak, None)):
             (line,) = ax.plot(backbone.t, peak, color="C1", lw=1.2, label=label)
             tell(line, *of_cycles(backbone))
-    ax.set(xlabel="time (s)", ylabel=with_unit("q", decay.unit))
     ax.margins(x=0.01)
-    ax.legend(loc="upper right", frameon=False)
-    return ax
+    return labelled(ax, "time (s)", with_unit("q", decay.unit), loc="upper right")
 
 
 def plot_backbone(
@@ -188,10 +187,8 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
             style = look(k) | {"marker": _DOTS[k % len(_DOTS)], "ms": 4, "lw": 0.8}
             ax.plot(verdict.amplitude[order], column[order], **style, label=label)
     ax.axhline(1, color="0.4", lw=0.8, ls=":")
-    ax.set(xlabel=with_unit("amplitude", verdict.unit), ylabel="residual over noise")
     log_ratio(ax)
-    ax.legend(loc="best", frameon=False, ncols=2)
-    return ax
+    return labelled(ax, with_unit("amplitude", verdict.unit), "residual over noise", ncols=2)
 
 
 def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
@@ -205,11 +202,9 @@ def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
     if verdict.sensor:
         noise = verdict.sensor * verdict.left / verdict.part
         ax.axhline(noise, color="0.4", lw=0.8, ls=":", label="noise of the sensor")
-    unit = verdict.measured_unit
-    ax.set(xlabel=with_unit("response, rms", unit), ylabel=with_unit("left of it, rms", unit))
     log_ratio(ax, "x")
-    ax.legend(loc="best", frameon=False)
-    return ax
+    names = ("response, rms", "left of it, rms")
+    return labelled(ax, *(with_unit(name, verdict.measured_unit) for name in names))
 
 
 def plot_relative_magnitude(
@@ -265,9 +260,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         scale = np.sqrt(np.mean(rows.target**2))
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
-    ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
-    ax.legend(loc="best", frameon=False)
-    return ax
+    return labelled(ax, "harmonic", "rms residual / rms target")
 
 
 def plot_branch(
@@ -581,6 +574,4 @@ def _beside(
 
 def _labelled(ax: Axes, found: Estimate, ylabel: str, coordinate: int = 1) -> Axes:
     name = "q" if found.model.n_coordinates == 1 else f"$q_{coordinate}$"
-    ax.set(xlabel=with_unit(name, found.model.unit), ylabel=ylabel)
-    ax.legend(loc="best", frameon=False)
-    return ax
+    return labelled(ax, with_unit(name, found.model.unit), ylabel)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from romsindy.show.axes import given_or_new, with_unit
+from romsindy.show.axes import given_or_new, labelled, with_unit
 from romsindy.show.page import Picture, write_page
 from romsindy.structure.linear import LinearModel
 from romsindy.structure.reduction import Reduction
@@ -62,9 +62,7 @@ def plot_held(reduction: Reduction, ax: Axes | None = None, *, inertia: bool = F
         label = "stiffness  $K(q)/q$  (1/s$^2$)"
     ax.plot(per_q * q, line, label="equation")
     ax.plot(per_q * at, dots, "ko", ms=4, label="static cases")
-    ax.set(xlabel=with_unit("q", reduction.model.unit), ylabel=label)
-    ax.legend(frameon=False)
-    return ax
+    return labelled(ax, with_unit("q", reduction.model.unit), label)
 
 
 def plot_reduced_backbone(reduction: Reduction, ax: Axes | None = None) -> Axes:

@@ -27,6 +27,7 @@ from romsindy.fit.adequacy.verdicts import (
     CYCLES,
     LEAST_LEVELS,
     MOST_LEVELS,
+    NOT_TRIED,
     Adequacy,
     ForcedAdequacy,
     examine,
@@ -104,7 +105,7 @@ def _directions(products: Array, some: Indices) -> tuple[Array, Array]:
 # Powers of a coordinate and of its velocity that are tried: all of second and third order, and
 # those of fifth order that differ from them in their harmonics.
 _POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
-_SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
+SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _LATE = (-0.25, 0.25)  # cycles by which an input may act later
 _LOUDER = 3.0  # than what is heard, which is told to a factor of two
 # Of generalised least squares; by a step, what is left of chi-square is settled where it changes by
@@ -348,7 +349,7 @@ def forces_alone(motion: Trajectory, name: str, at: int = 0) -> Iterator[tuple[s
     for i, j in _POWERS:
         powers = [(name, i), (f"{name}_dot", j)]
         yield " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k), q**i * v**j
-    yield f"the sign of {name}_dot", np.tanh(v / _SLIDES)
+    yield f"the sign of {name}_dot", np.tanh(v / SLIDES)
     yield f"|{name}_dot| {name}_dot", np.abs(v) * v
     yield f"|{name}| {name}", np.abs(q) * q
 
@@ -382,11 +383,6 @@ def examine_forced(
     power = sum(float(e @ e) for e in residuals)
     return ForcedAdequacy(
         ratio=float(np.sqrt(chi_squared_of(records, residuals) / max(n - n_values, 1))),
-        p_value=np.nan,
-        structure=1.0,
-        below_floor=False,
-        amplitude=np.zeros(0),
-        misfit=np.zeros(0),
         limit=max(r.amplitude for r in records),
         unit=records[0].decay.unit,
         false_alarm=false_alarm,
@@ -394,6 +390,7 @@ def examine_forced(
         part=part_of(records, residuals),
         measured_unit=records[0].decay.signal_unit,
         levels=_levels(records, residuals),
+        **NOT_TRIED,
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -35,8 +36,8 @@ from romsindy.typing import Array
 
 HARMONICS = 5
 DEGREE = 1  # of the drift of amplitudes in a window
-# Cycles in a stretch of the record; levels of the response that are told apart, at most and at
-# least, with two stretches each; how much louder the loudest must be than the quietest.
+# Cycles in a window, or in a stretch of the record; levels of the response that are told apart, at
+# most and at least, with two stretches each; how much louder the loudest must be than the quietest.
 CYCLES, MOST_LEVELS, LEAST_LEVELS, _LOUDER = 8, 8, 4, 2.0
 # Exponents of what is left against the response: up to the first it is the same at all levels, and
 # from the second on it changes.
@@ -431,7 +432,9 @@ class SteadyAdequacy(Adequacy):
         return f"The model {found if self.good else 'does not explain the steady states'}: {size}."
 
 
-_CYCLES = 8  # in a window
+# What an `Adequacy` has of the motion and of windows, where these are not looked at.
+NOT_TRIED: dict[str, Any] = {"p_value": np.nan, "structure": 1.0, "below_floor": False}
+NOT_TRIED |= dict.fromkeys(("amplitude", "misfit"), np.zeros(0))
 _TAKES_PART = 0.2  # of the samples of a window, at least
 
 
@@ -512,7 +515,7 @@ class _Energies:
 
 
 def _windows(record: Record, residual: Array) -> list[_Energies]:
-    bounds = record.cycles[:: min(_CYCLES, len(record.cycles) - 1)]
+    bounds = record.cycles[:: min(CYCLES, len(record.cycles) - 1)]
     slices = [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
     # Of a window that takes part in part, the rest may be like it.
     shares = [1.0 if record.part is None else float(np.mean(record.part[s])) for s in slices]

@@ -264,9 +264,8 @@ def _start(
 ) -> Stage:
     """Small vibrations, with what is known of the coefficients."""
     laws = _laws(linear.n_coordinates)
-    values = {t: v for t, v in zip(linear.terms, linear.values, strict=True)}
-    values |= {laws[name]: value for name, value in fixed.items()}
-    model = replace(linear, terms=tuple(values), values=tuple(values.values()))
+    known = [(laws[name], value) for name, value in fixed.items()]
+    model = linear.with_terms([*linear.pairs, *known])
     return Stage(model, free_shapes(records), tuple(fixed))
 
 
@@ -351,8 +350,7 @@ def state_before(model: CoupledModel, state: Array, seconds: float) -> Array:
     """The state so long before: damping drives a motion whose time runs backwards."""
     if seconds <= 0:
         return state
-    pairs = zip(model.terms, model.values, strict=True)
-    values = (v if term.undamped() == term else -v for term, v in pairs)
+    values = (v if term.undamped() == term else -v for term, v in model.pairs)
     backwards = replace(model, values=tuple(values))
     q, q_dot = np.split(state, 2)
     past = backwards.simulate(q, -q_dot, np.linspace(0, seconds, _TIMES))

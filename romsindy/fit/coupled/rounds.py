@@ -119,11 +119,9 @@ def _stage(found: Linearised, kept: Sequence[int], now: Stage) -> Stage:
         for i, p in enumerate(found.sensors)
         if i in there
     ]
-    pairs = zip(now.model.terms, now.model.values, strict=True)
-    terms = {t: value for t, value in pairs if t.key in now.fixed}
+    terms = {t: value for t, value in now.model.pairs if t.key in now.fixed}
     terms |= {t: values[i] for i, t in enumerate(found.terms, len(found.sensors)) if i in there}
-    model = replace(now.model, terms=tuple(terms), values=tuple(terms.values()))
-    return replace(now, model=model, shapes=tuple(shapes))
+    return replace(now, model=now.model.with_terms(terms.items()), shapes=tuple(shapes))
 
 
 def every_choice(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | None:

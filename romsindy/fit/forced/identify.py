@@ -14,7 +14,6 @@ from romsindy.effects.choices import KINDS, sought
 from romsindy.effects.choices import candidates as coupled_candidates
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.choice import Gram, Linearised, Trials, dragged
-from romsindy.fit.forced.drives import inputs_in
 from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.gauss_newton import linear_table
@@ -27,6 +26,7 @@ from romsindy.fit.records.arguments import (
     require_unit,
     small_frequencies,
 )
+from romsindy.fit.records.driven import inputs_in
 from romsindy.fit.records.modes import mode_beside, modes_of
 from romsindy.fit.records.smooth import ways
 from romsindy.fit.results.estimate import possible, stand_ins

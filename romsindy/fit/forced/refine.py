@@ -16,9 +16,8 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from romsindy.effects.base import Effect
-from romsindy.effects.drive import Drive
+from romsindy.effects.outside import Drive
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
-from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import linear_table
@@ -32,6 +31,7 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.coupled import Offset, free_offsets, free_shapes
+from romsindy.fit.records.driven import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.records.modes import Modes, modes_near
 from romsindy.fit.records.smooth import Rivals, rated, ways
 from romsindy.fit.results.fitted import Fit, examined, refined
@@ -158,8 +158,7 @@ class Look(NamedTuple):
         progress: Callable[[str], None] | None = None,
     ) -> Fit:
         """Coefficients of these names, from a model with its inputs on."""
-        pairs = zip(model.terms, model.values, strict=True)
-        acting = [(i, gain) for t, gain in pairs if (i := input_in(t)) is not None]
+        acting = [(i, gain) for t, gain in model.pairs if (i := input_in(t)) is not None]
         refuse_displacement(*zip(*acting, strict=True))
         beside = (*drives_of(model, self.driven), *self.shapes)
         problem = Driven(names, self.records, loss, progress)

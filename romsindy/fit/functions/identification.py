@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.functions.series import ModelStructure
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.estimate import (
     Band,
@@ -59,7 +60,6 @@ _ENOUGH = 0.3
 _CORRECTIONS = 2  # of the linearised frequency
 _STEP = 1e-4  # of stiffness and inertia, for the slope of the frequency
 _ROUNDING = 1e-9
-_SIGMAS = 1.96
 
 
 class Followed(NamedTuple):
@@ -92,7 +92,7 @@ class _Target(NamedTuple):
     @classmethod
     def of(cls, value: Array, drawn: Array, strict: bool) -> _Target:
         """Off by a tenth of its change, or its own error; ``strict``: if that hides the change."""
-        error = _SIGMAS * np.std(drawn, axis=0)
+        error = SIGMAS * np.std(drawn, axis=0)
         change = float(np.ptp(value))
         counts = not strict or change < HARDLY * float(error.max())
         least = _ROUNDING * float(np.abs(value).max()) + 1e-300
@@ -209,9 +209,7 @@ def _compared(own: Array, values: Sequence[Array]) -> list[Followed]:
 
 def _linear(model: ReducedModel) -> ReducedModel:
     """Its linear terms, and damping that no smooth function of q is."""
-    kept = [(t, v) for t, v in zip(model.terms, model.values, strict=True) if _always(t)]
-    terms, values = zip(*kept, strict=True)
-    return ReducedModel(terms, values, model.unit, model.amplitude_range)
+    return model.with_terms((term, value) for term, value in model.pairs if _always(term))
 
 
 def _always(term: Term) -> bool:
@@ -560,7 +558,7 @@ class Identification(Estimate):
         """Those of the short equation, with their 95 % bands."""
         rows = [["coefficient", "value", "95 %", "unit"]]
         short = self.short
-        for term, value in zip(short.model.terms, short.model.values, strict=True):
+        for term, value in short.model.pairs:
             low, high = short.bands.get(term.key, (value, value))
             known = [f"{value:.6g}", "(fixed)"]
             number = with_band(value, low, high) if term.key in short.bands else known

@@ -29,6 +29,7 @@ from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit as fit_states
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.prepared import record_notes
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.records.arguments import prepared, require_known, several_decays
 from romsindy.fit.records.record import Record
 from romsindy.fit.results.predict import form_of
@@ -41,7 +42,6 @@ from romsindy.text import percent
 from romsindy.typing import Array
 
 _PLACES = 40
-_SIGMAS = 1.96
 
 
 def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) -> Iterator[str]:
@@ -118,7 +118,7 @@ def _sensor(found: Identification, fitted: Fitted) -> Iterator[str]:
     usual = f"{percent(expected)} is expected of a sensor"
     if found.structure.sizes.inertia:
         short = float(np.mean([_curvature_for(found, end) for end in found.reach]))
-        nothing = short < _SIGMAS * expected
+        nothing = short < SIGMAS * expected
         yield (
             "one sensor cannot tell inertia from a characteristic that bends as q^3: one that shows"
             f" {percent(short)} too little at the largest amplitude would stand for all of h(q);"

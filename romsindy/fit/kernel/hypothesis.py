@@ -111,9 +111,7 @@ def with_memories(model: Model, parts: Sequence[Part]) -> Model:
     """The model with the forces of parts that remember in the place of those it has."""
     found = {p.effect.remembering: p for p in parts if isinstance(p.effect, MemoryEffect)}
     by_key = {law.key: (law, float(p.strengths[0, 0])) for law, p in found.items()}
-    pairs = zip(model.terms, model.values, strict=True)
-    new = [by_key.get(t.key, (t, v)) for t, v in pairs]
-    return replace(model, terms=tuple(t for t, _ in new), values=tuple(v for _, v in new))
+    return model.with_terms(by_key.get(t.key, (t, v)) for t, v in model.pairs)
 
 
 _RANK = 1e-13  # of scaled equations: directions below it are not told apart

@@ -87,17 +87,23 @@ def small_frequencies(model: Equations) -> Array:
     return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)
 
 
-def free_names(model: Equations, fixed: Collection[str]) -> tuple[str, ...]:
+def not_fixed(model: Equations, fixed: Collection[str]) -> tuple[str, ...]:
+    """Coefficients of a model but for those that are fixed, which must be among them."""
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    return tuple(name for name in model.coefficients if name not in fixed)
+
+
+def free_names(model: Equations, fixed: Collection[str]) -> tuple[str, ...]:
+    """The same, at least one, and forces that remember all among them."""
+    free = not_fixed(model, fixed)
     held = sorted({*fixed} & {law.key for law in model.memories})
     if held:
         raise ValueError(
             f"fixed names {held}: a force that remembers is fitted with what shapes it; leave them"
             " out"
         )
-    free = tuple(name for name in model.coefficients if name not in fixed)
     if not free:
         raise ValueError("fixed names every coefficient of the model: leave one to fit")
     return free

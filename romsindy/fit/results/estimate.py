@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy.verdicts import Adequacy, ForcedAdequacy, SteadyAdequacy
-from romsindy.fit.process_noise import Form, as_coefficients, normal_draws
+from romsindy.fit.process_noise import SIGMAS, Form, as_coefficients, normal_draws
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.results.predict import Forecast, Sensors, foretold, predicted
 from romsindy.fit.verdict import REFUSED
@@ -248,7 +248,7 @@ class Estimate:
         values = self.model.coefficients
         if name not in values:
             raise ValueError(f"name = {name!r} is no coefficient: there are {', '.join(values)}")
-        half = 1.96 * self.standard_errors.get(name, 0.0)
+        half = SIGMAS * self.standard_errors.get(name, 0.0)
         return values[name] - half, values[name] + half
 
     def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
@@ -286,7 +286,7 @@ class Estimate:
         def read(model: Equations) -> Array:
             return function(model, q)
 
-        value, half = read(self.model), 1.96 * self.errors_of(read)
+        value, half = read(self.model), SIGMAS * self.errors_of(read)
         return Curve(q, value, value - half, value + half)
 
     def table(self) -> list[list[str]]:
@@ -294,7 +294,7 @@ class Estimate:
         errors, model = self.standard_errors, self.model
         rows = [
             [t.key, *with_error(value, errors.get(t.key, 0.0)), t.unit(model.unit)]
-            for t, value in zip(model.terms, model.values, strict=True)
+            for t, value in model.pairs
         ]
         return [["coefficient", "value", "+-", "unit"], *rows]
 
@@ -420,7 +420,7 @@ class Estimate:
     def __str__(self) -> str:
         errors = self.standard_errors
         lines = [f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"]
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
+        for term, value in self.model.pairs:
             error = f"+- {errors[term.key]:.2g}" if term.key in errors else "(fixed)"
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()

@@ -19,8 +19,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.base import Effect
-from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Drive
 from romsindy.fit.adequacy.independence import (
     Independence,
     examine_forced,
@@ -47,6 +47,7 @@ from romsindy.fit.kernel.shooting import (
     resimulated,
     shoot,
 )
+from romsindy.fit.process_noise import SIGMAS
 from romsindy.fit.records.coupled import CurvedShape, Offset
 from romsindy.fit.results.estimate import Estimate, checked_coordinate
 from romsindy.fit.results.predict import Forecast, Sensors
@@ -237,7 +238,7 @@ class Fit(Estimate):
         if name not in self.shapes:
             return super().interval(name)
         value, error = self.shapes[name]
-        return value - 1.96 * error, value + 1.96 * error
+        return value - SIGMAS * error, value + SIGMAS * error
 
     def remarks(self) -> list[str]:
         """The notes, as sentences, after what shapes the forces that remember."""
@@ -411,7 +412,7 @@ def _verdict(records: Sequence[Prepared], solution: Solution, undetermined: str)
 def _growing(model: Equations, free: Sequence[str], covariance: Array) -> list[str]:
     """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
     std = np.sqrt(np.diag(covariance))
-    surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
+    surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -SIGMAS * s}
     return [
         f"the linear damping of q{i + 1} is negative: its small vibrations would grow, which no"
         " decay shows; do not extrapolate to smaller amplitudes"

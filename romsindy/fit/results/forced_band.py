@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
 from romsindy.fit.kernel.part import LINEAR
-from romsindy.fit.process_noise import DRAWS, GROWS, grown, normal_draws
+from romsindy.fit.process_noise import DRAWS, GROWS, TAILS, grown, normal_draws
 from romsindy.notebook import Framed
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
@@ -32,7 +32,6 @@ from romsindy.typing import Array
 BRANCHES = ("upper", "lower")
 _ORBITS = 60  # about, and more where the damping is light
 _BETWEEN = 4  # points for each, by cubic splines
-_TAILS = (0.025, 0.975)
 # Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
 _MARGIN = 0.1
 _SIGNIFICANT = 1e-9
@@ -115,7 +114,7 @@ class ForcedBand(Framed):
         known = np.any(np.isfinite(scattered), axis=0)
         known &= self.goes_on | ~self._beyond(omega, branch)
         ends = np.full((2, len(omega)), np.nan)
-        ends[:, known] = np.nanquantile(scattered[:, known], _TAILS, axis=0)
+        ends[:, known] = np.nanquantile(scattered[:, known], TAILS, axis=0)
         return Predicted(value, np.minimum(ends[0], value), np.maximum(ends[1], value))
 
     @cached_property
@@ -177,9 +176,7 @@ class ForcedBand(Framed):
 
     def __repr__(self) -> str:
         w, a = self._drawn
-        low, high = np.quantile(
-            np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter, _TAILS
-        )
+        low, high = np.quantile(np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter, TAILS)
         known = self.goes_on or not np.any(self.beyond)
         ends = f"{low:.4g} to {high:.4g}" if known else "beyond the data"
         return (

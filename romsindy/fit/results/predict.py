@@ -28,6 +28,7 @@ from romsindy.fit.kernel.shooting import shoot
 from romsindy.fit.process_noise import (
     GROWS,
     SIGMAS,
+    TAILS,
     Form,
     Marginal,
     Windows,
@@ -51,7 +52,6 @@ from romsindy.typing import Array
 
 # Samples for each coordinate and cycles of the slowest that give a first state; how they grow.
 _SAMPLES, _CYCLES, _GROWTH = 4, (0.5, 1.0, 2.0, 4.0), 2.0
-_TAILS = (0.025, 0.975)
 _AT_ONCE = 4096  # samples of which all draws are held at a time
 
 
@@ -377,7 +377,7 @@ def _turned(
         later = record.t[rows, None] + change.imag / record.rate
         drawn = np.exp(np.clip(change.real, -1.0, 1.0)) * np.interp(later, record.t, shown)
         drawn += noise * rng.standard_normal(drawn.shape)
-        ends.append(np.quantile(drawn, _TAILS, axis=1))
+        ends.append(np.quantile(drawn, TAILS, axis=1))
     low, high = np.concatenate(ends, axis=1)
     return np.minimum(low, shown), np.maximum(high, shown)
 

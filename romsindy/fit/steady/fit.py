@@ -29,22 +29,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
+from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.records.arguments import not_fixed
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.stiffness import Stiffness
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
 from romsindy.typing import Array, Indices
 
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
-_ALWAYS, _LINEAR = Stiffness(1), PowerDamping(1)
+_ALWAYS, _LINEAR = LINEAR
 _LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5
@@ -295,9 +295,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
         raise ValueError(
             f"model is {type(model).__name__}: give a ReducedModel, or None to have it chosen"
         )
-    unknown = sorted(set(fixed) - set(model.coefficients))
-    if unknown:
-        raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    free = not_fixed(model, fixed)
     model.refuse_memory("a balance of harmonics")
     jumps = [term.key for term in model.terms if not term.smooth]
     if jumps:
@@ -305,7 +303,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
             f"the force of {jumps[0]} jumps: give model.regularised(velocity_scale), which is"
             " smooth below a small velocity"
         )
-    return tuple(name for name in model.coefficients if name not in fixed)
+    return free
 
 
 def _require_lags(points: SteadyPoints) -> None:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy.independence import tell_together
-from romsindy.fit.adequacy.verdicts import SteadyAdequacy
+from romsindy.fit.adequacy.independence import SLIDES, tell_together
+from romsindy.fit.adequacy.verdicts import NOT_TRIED, SteadyAdequacy
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.steady.balance import CHAIN, Rows, SteadyPoints, linearised
@@ -29,7 +29,6 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.typing import Array
 
-_SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _ROUNDS = 3  # in which noises and the correlation of neighbours settle
 _ALIKE = 0.99  # correlation at most
 _CHANCE = 4.0  # fall of minus twice the log-likelihood that is chance: two standard errors
@@ -99,15 +98,11 @@ def verdict_of(points: SteadyPoints, solution: SteadySolution, given: bool) -> S
     power = float(np.sum(solution.over_noise**2)) if given else np.nan
     verdict = SteadyAdequacy(
         ratio=np.sqrt(power / (n * k - n_fitted)),
-        p_value=np.nan,
-        structure=1.0,
-        below_floor=False,
-        amplitude=np.zeros(0),
-        misfit=np.zeros(0),
         limit=float(points.amplitude.max()),
         unit=solution.model.unit,
         part=_of_force(solution.misfit),
         unknown=np.sqrt(k) * solution.unexplained,
+        **NOT_TRIED,
     )
     tried = _tried(points, solution)
     if not tried.enough:
@@ -134,7 +129,7 @@ def _tried(points: SteadyPoints, solution: SteadySolution) -> _PointColumns:
     model, chain = solution.model, solution.chain
     fast = float(np.max(points.frequency * points.amplitude))
     laws = (Stiffness(1), PowerDamping(1), *sought("steady"), Inertia(3))
-    known = {law.key: law for law in (*laws, Friction().regularised(_SLIDES * fast), *model.terms)}
+    known = {law.key: law for law in (*laws, Friction().regularised(SLIDES * fast), *model.terms)}
     values = dict.fromkeys(known, 0.0) | model.coefficients
     rich = ReducedModel(tuple(known.values()), tuple(values.values()))
     rows = linearised(points, rich, tuple(values), chain, solution.c)
