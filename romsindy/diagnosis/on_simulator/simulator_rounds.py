@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -28,7 +27,7 @@ from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.search import strongest_tones
 from romsindy.diagnosis.structure import Corrected, as_measured, key_of, sensor_errors, with_signal
 from romsindy.effects.base import Effect
-from romsindy.effects.outside import TONES, same_tone
+from romsindy.effects.outside import TONES
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
@@ -52,8 +51,6 @@ _RINGS = 0.05  # of another mode: how well a release is known, a standard deviat
 _DETUNED = 2e-3
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
-_TONES_APART = 1e-2  # of the largest singular value: tones that are nearer are one
-_HARMONICS = 3.5  # of the slow mode: higher ones tell next to nothing
 _UNEXPLAINED = 0.2  # of what no explanation explains: by so much one may seem better than another
 
 
@@ -74,8 +71,6 @@ class SimulatorRounds(Rounds):
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
     variances: dict[tuple[str, str], Array] = field(default_factory=dict)
     there: bool = False  # whether the last step towards the records was within its errors
-    # Of each record, rad/s: what the simulator does beside its equation
-    rung: list[tuple[float, ...]] = field(default_factory=list)
     place: PlaceOnStructure | None = None  # of what acts at a point, once it was looked for
 
     def begin(self) -> list[Corrected]:
@@ -85,27 +80,12 @@ class SimulatorRounds(Rounds):
         leaves tones.
         """
         found = super().begin()
-        self.rung = [_rung(record, c) for record, c in zip(self.records, found, strict=True)]
-        tones = tuple(itertools.chain(*self.rung))
+        rows = zip(self.records, found, strict=True)
+        tones = tuple(tone for record, c in rows for tone in _rung(record, c))
         self.general = [
             replace(e, beside=tones) if isinstance(e, TONES) else e for e in self.general
         ]
-        return self._without_rung(found)
-
-    def _without_rung(self, found: list[Corrected]) -> list[Corrected]:
-        """The same without tones that the simulator has otherwise than the records."""
-        if not any(self.rung):
-            return found
-        calm = []
-        for record, tones, c in zip(self.records, self.rung, found, strict=True):
-            left = record.signal - self.structure.coordinate(c.readings)
-            lines = 4 * np.pi / float(record.t[-1])  # two lines of its spectrum
-            loudest = strongest_tones(record.t, left * np.hanning(len(left)), _TONES, lines)
-            rung = [w for w in loudest if same_tone(w, tones) and _apart(w / record.rate)]
-            tone = tones_in(record.t, left, rung)
-            calm.append(c._replace(decay=with_signal(c.decay, c.decay.signal - tone)))
-        self.return_to(calm)
-        return calm
+        return found
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
@@ -114,7 +94,7 @@ class SimulatorRounds(Rounds):
         """
         if [key_of(p) for p in parts] != [key_of(p) for p in self.own]:
             self.releases = [None] * len(self.records)
-        found = self._without_rung(super().simulate(parts))
+        found = super().simulate(parts)
         seen = [
             as_measured(r, self.structure.coordinate(c.readings))
             for r, c in zip(self.records, found, strict=True)
@@ -522,23 +502,6 @@ def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
     waves = (np.exp(-1j * tone * record.t) for tone in tones)
     rung = zip(tones, waves, strict=True)
     return tuple(w for w, wave in rung if abs(np.sum(window * beside * wave)) > loud)
-
-
-def _apart(order: float) -> bool:
-    """Whether a tone is none of the lowest harmonics, which tell of the coordinate."""
-    return order > _HARMONICS or abs(order - round(order)) > _APART
-
-
-def tones_in(t: Array, x: Array, tones: Sequence[float]) -> Array:
-    """What a signal (n,) has of tones (rad/s) that grow or fade in proportion to time."""
-    if not tones:
-        return np.zeros_like(x)
-    waves = np.exp(1j * np.outer(t, tones))
-    waves = np.hstack([waves, (2 * t / t[-1] - 1)[:, None] * waves])
-    columns = np.hstack([waves.real, waves.imag])
-    window = np.sin(np.pi * (np.arange(len(t)) + 0.5) / len(t))  # what is slow leaks less into them
-    found, *_ = np.linalg.lstsq(window[:, None] * columns, window * x, rcond=_TONES_APART)
-    return np.asarray(columns @ found)
 
 
 def left_of(
