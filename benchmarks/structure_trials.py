@@ -175,11 +175,17 @@ def _held(pull: Callable[[Array], Array], row: int, release: float) -> Array:
     return x
 
 
+def _tangent(chain: Chain, x: Array) -> Array:
+    """Stiffness about displacements, by differences."""
+    small = 1e-7 * np.eye(2 * _N)
+    found = np.array([(chain.pull(x + e) - chain.pull(x - e)) / 2e-7 for e in small])
+    return (found + found.T) / 2
+
+
 def told() -> Any:
     """The simulator of the chain, from its arrays."""
-    chain, small = Chain(), 1e-7 * np.eye(2 * _N)
-    stiffness = np.array([(chain.pull(e) - chain.pull(-e)) / 2e-7 for e in small])
-    omega2, shapes = eigh((stiffness + stiffness.T) / 2, np.diag(chain.mass))
+    chain = Chain()
+    omega2, shapes = eigh(_tangent(chain, np.zeros(2 * _N)), np.diag(chain.mass))
     shape, size = shapes[:, 0], 9e-3 / np.abs(shapes[1::2, 0]).max()
     q = size * np.array([x for x in np.linspace(-1, 1, 17) if x])
     factors = omega2[0] * q * (1 + 3 * (q / size) ** 2)
@@ -200,6 +206,7 @@ def told() -> Any:
         np.repeat(np.arange(1, _N + 1), 2),
         np.tile([1, 3], _N),
         {i: (piece * i, 0.0, 0.0) for i in range(1, _N + 1)},
+        tangents={1: [_tangent(chain, x) for x in held]},
     )
     given = {"damping": Damping(alpha=_ALPHA)}
     return structure.simulator([(n, 3) for n in _SENSORS], **given)  # type: ignore[arg-type]

@@ -774,3 +774,39 @@ def test_what_a_deck_lacks_is_found_in_a_beam_of_another_code(benchmark, tmp_pat
     # Steps, meshes and shear differ: a hundredth of what was hidden.
     assert report.force(0.0, 0.0, 1.0) == pytest.approx(-0.25, rel=0.01)
     assert max(e.after for e in report.sensor_errors) < 3
+
+
+@benchmark_of("blind_decks")
+def test_trials_of_decks_hide_every_kind_in_every_structure(benchmark):
+    """Of 42 seeds: seven kinds in three structures, half of them told wrong."""
+    several = [benchmark.hidden_of(seed) for seed in range(42)]
+    pairs = {(h.shape, h.kind) for h in several}
+    assert len(pairs) == len(benchmark.SHAPES) * len(benchmark._HIDDEN) == 21
+    wrong = [set(h.values.values()) != {1.0} for h in several[:24]]
+    assert wrong == [False] * 12 + [True] * 12
+
+
+@pytest.mark.slow
+@benchmark_of("blind_decks")
+@pytest.mark.parametrize("name", ["beam", "arch"])
+def test_two_codes_move_a_deck_alike_and_so_does_its_simulator(
+    benchmark, tmp_path, monkeypatch, name
+):
+    """CalculiX and felupe share the law of the solid, and neither elements nor solver."""
+    pytest.importorskip("felupe", reason="there is no felupe here: pip install felupe")
+    for program in ("ccx", "gmsh"):
+        if shutil.which(program) is None:
+            pytest.skip(f"there is no {program} here")
+    monkeypatch.setattr(benchmark, "_CYCLES", 1)
+    mesh = benchmark.Mesh(name, tmp_path)
+    known = benchmark.told(mesh, tmp_path)
+    hidden = benchmark.Hidden(name, "nothing", 0.0, 0.5, dict.fromkeys(benchmark._WITHIN, 1.0))
+    truth = benchmark.truth_of(hidden, mesh, known, tmp_path)
+    sensors = [mesh.near(p) for p in mesh.shape.sensors]
+    release, omega = 0.8 * mesh.shape.thickness, float(known.omega[0])
+    x = benchmark.motion(truth, sensors, release, omega, tmp_path)
+    y = benchmark._by_felupe(truth, sensors, release, 2 * np.pi / omega / benchmark._STEPS)
+    # CalculiX stops its iterations at 1e-4 of the step.
+    assert np.abs(x - y).max() < 1e-3 * release
+    off = benchmark.missed_by(name, 5, tmp_path, None, cycles=1)
+    assert off.max() < 1.0 < 5.0 < benchmark.missed_by(name, 0, tmp_path, None, cycles=1).max()

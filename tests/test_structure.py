@@ -169,6 +169,7 @@ def test_files_of_arrays_give_the_same(tmp_path):
     factors, moved = arrays.pop("cases")[1]
     content = {**arrays, "factors_1": factors, "displacements_1": moved}
     content["coordinates"] = np.array([[5, 0.0, 0, 0], [9, 1.0, 0, 0]])
+    content["tangents_1"] = np.arange(1.0, 1 + len(factors))[:, None, None] * np.eye(3)
     np.savez(tmp_path / "a.npz", **content)
     savemat(tmp_path / "a.mat", {**content, "mass": csc_array(arrays["mass"])})
     rows, columns = np.nonzero(arrays["mass"])
@@ -181,8 +182,11 @@ def test_files_of_arrays_give_the_same(tmp_path):
             file[name] = values
     expected = rs.Structure.from_arrays(**_arrays()).reduce(1).model.coefficients
     for name in ("a.npz", "a.mat", "b.npz", "a.h5"):
-        found = load_structure(tmp_path / name).reduce(1).model.coefficients
+        structure = load_structure(tmp_path / name)
+        found = structure.reduce(1).model.coefficients
         assert found == pytest.approx(expected, rel=1e-9), name
+        tangents = [k.toarray()[0, 0] for k in structure.cases.tangents[1]]
+        assert tangents == [1 + i for i in range(len(factors))]
 
 
 def test_the_command_writes_equation_and_page(tmp_path, monkeypatch):
@@ -209,6 +213,7 @@ def test_the_command_writes_equation_and_page(tmp_path, monkeypatch):
         ({"mass": -np.eye(3)}, "mass is not positive"),
         ({"cases": {1: ([1.0, 2.0], np.ones((3, 3)))}}, r"cases\[1\] has factors"),
         ({"cases": {1: (np.arange(1.0, 6), np.ones((5, 3)))}}, "is said to hold q"),
+        ({"tangents": {1: [np.eye(3)]}}, r"tangents\[1\] are 1 of shape \[\(3, 3\)\]: give one of"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(change, words):

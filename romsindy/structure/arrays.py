@@ -22,8 +22,8 @@ def load_structure(path: str | Path) -> Structure:
 
     It holds mass (n, n), or mass_row, mass_column (counted from 0) and mass_value of its entries;
     shapes (k, n), omega (k,), nodes (n,), directions (n,); of each mode that was held, such as the
-    first, factors_1 (m,) and displacements_1 (m, n); and, for pictures, coordinates (n_nodes, 4):
-    number of the node, x, y, z.
+    first, factors_1 (m,) and displacements_1 (m, n), and if they are known tangents_1 (m, n, n);
+    and, for pictures, coordinates (n_nodes, 4): number of the node, x, y, z.
 
     Raises
     ------
@@ -55,6 +55,7 @@ def load_structure(path: str | Path) -> Structure:
             _flat(content["directions"]).astype(int),
             {int(row[0]): row[1:] for row in places},
             str(path),
+            {m: content[f"tangents_{m}"] for m in modes if f"tangents_{m}" in content},
         )
     except (KeyError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
