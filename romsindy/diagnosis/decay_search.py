@@ -171,7 +171,7 @@ class DecaySearch(Search):
         """The best hypothesis, and all that were weighed on the way."""
         best, tried = self.grown(base)
         seen = [base, *tried]
-        if best.moved:
+        if best.moved or best.beyond:
             seen += self._instead(base)
             beside = best.effects if len(best.effects) < self.options.max_effects else ()
             if beside and (best.material or not best.forced):
