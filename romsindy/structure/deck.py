@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -150,14 +150,7 @@ class Deck:
     @cached_property
     def sets(self) -> dict[str, list[int]]:
         """Numbers of nodes by name of their set, in capitals."""
-        found: dict[str, list[int]] = {}
-        for card in self.cards:
-            name = card.parameters.get("NSET", "").upper()
-            if name and card.name == "NODE":
-                found.setdefault(name, []).extend(int(f[0]) for f in card.fields())
-            elif name and card.name == "NSET":
-                found.setdefault(name, []).extend(_members(card, found))
-        return found
+        return self._named("NSET", "NODE", lambda card: (int(f[0]) for f in card.fields()))
 
     @cached_property
     def solids(self) -> dict[int, list[int]]:
@@ -167,14 +160,19 @@ class Deck:
     @cached_property
     def parts(self) -> dict[str, list[int]]:
         """Numbers of solids by name of their set of elements, in capitals."""
+        named = self._named("ELSET", "ELEMENT", lambda card: (n for n, _ in _solids(card)))
+        return {name: [n for n in own if n in self.solids] for name, own in named.items()}
+
+    def _named(
+        self, kind: str, first: str, members: Callable[[Card], Iterator[int]]
+    ) -> dict[str, list[int]]:
+        """Members of sets of a kind, by the cards of what it has and by those of sets."""
         found: dict[str, list[int]] = {}
         for card in self.cards:
-            name = card.parameters.get("ELSET", "").upper()
-            if name and card.name == "ELEMENT":
-                found.setdefault(name, []).extend(n for n, _ in _solids(card))
-            elif name and card.name == "ELSET":
-                members = (n for n in _members(card, found) if n in self.solids)
-                found.setdefault(name, []).extend(members)
+            name = card.parameters.get(kind, "").upper()
+            if name and card.name in (first, kind):
+                own = members(card) if card.name == first else _members(card, found)
+                found.setdefault(name, []).extend(own)
         return found
 
     @cached_property
