@@ -312,7 +312,7 @@ def test_plane_elements_that_have_no_section_are_left_out(deck):
     found = Deck.load(deck)
     assert found.text == solids
     (note,) = found.notes
-    assert "elements CPS8 of FACE are left out: they have no section" in note and "line" in note
+    assert "elements CPS8 are left out: they have no section" in note and "line" in note
     section = "*ELSET, ELSET=PANEL\n901\n*SOLID SECTION, ELSET=PANEL, MATERIAL=M\n"
     deck.write_text(deck.read_text() + section)
     with pytest.raises(DeckError, match="elements CPS8 cannot be reduced"):

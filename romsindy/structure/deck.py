@@ -346,16 +346,15 @@ def _without_section(cards: Sequence[Card]) -> list[Card]:
     }
 
     def used(card: Card) -> bool:
-        names = card.parameters.get("ELSET", "").upper() in named
-        return names or any(f[0] in members for f in card.fields())
+        own = card.parameters.get("ELSET", "").upper() in named
+        return own or any(f[0] in members for f in card.fields())
 
     flat = [c for c in cards if c.name == "ELEMENT" and _FLAT.match(_type(c))]
     return [card for card in flat if not used(card)]
 
 
 def _said(card: Card) -> str:
-    of = card.parameters.get("ELSET", "no set")
-    return f"{card.at}: elements {_type(card)} of {of} are left out: they have no section"
+    return f"{card.at}: elements {_type(card)} are left out: they have no section"
 
 
 def _left_out(step: Sequence[Card]) -> Iterator[str]:

@@ -51,6 +51,7 @@ _RINGS = 0.05  # of another mode: how well a release is known, a standard deviat
 _DETUNED = 2e-3
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
+_HARMONICS = 3  # of the slow mode, which the form of the equation leaves
 _UNEXPLAINED = 0.2  # of what no explanation explains: by so much one may seem better than another
 
 
@@ -494,14 +495,18 @@ class SimulatorRounds(Rounds):
 
 
 def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
-    """Frequencies (rad/s) of what a simulator does beside its equation, above the noise."""
+    """Frequencies (rad/s) of what other modes of a simulator do in its coordinate."""
     beside = record.signal - found.decay.signal
     window = np.hanning(len(beside))
     tones = strongest_tones(record.t, beside * window, _TONES, _APART * record.rate)
     loud = _AUDIBLE * record.noise.std * window.sum() / 2
-    waves = (np.exp(-1j * tone * record.t) for tone in tones)
-    rung = zip(tones, waves, strict=True)
-    return tuple(w for w, wave in rung if abs(np.sum(window * beside * wave)) > loud)
+
+    def rung(tone: float) -> bool:
+        order = tone / record.rate
+        apart = round(order) > _HARMONICS or abs(order - round(order)) > _APART
+        return apart and abs(np.sum(window * beside * np.exp(-1j * tone * record.t))) > loud
+
+    return tuple(tone for tone in tones if rung(tone))
 
 
 def left_of(
