@@ -5,7 +5,7 @@ import pytest
 from solid_decks import structure_trials
 
 import romsindy as rs
-from romsindy.diagnosis.on_simulator.places import likeliest_place
+from romsindy.diagnosis.on_simulator.places import PlaceSearch
 
 PLATE = {
     f"{i}:3": np.array([x, y, 0.0])
@@ -25,9 +25,8 @@ def _looked_for(at, width, first="0:3", floor=1000.0):
         off = np.linalg.norm(PLATE[point] - at) / (width / share)
         return floor + 1e5 * share * off**2 / (1 + off**2)
 
-    least, place = likeliest_place(
-        PLATE, first, misfit, lambda rise, least, _: rise * floor / least
-    )
+    search = PlaceSearch(PLATE, first, misfit, lambda rise, least, _: rise * floor / least)
+    least, place = search.likeliest()
     return least, place, len(asked)
 
 
@@ -48,6 +47,21 @@ def test_where_all_points_do_the_same_the_first_is_kept():
     assert place.low == pytest.approx([0, 0, 0]) and place.high == pytest.approx([2, 1, 0])
 
 
+def test_what_is_far_from_the_records_everywhere_is_asked_no_further():
+    """What else explains them leaves 1000; this leaves 100,000 of half the readings at the least."""
+    asked = []
+
+    def misfit(point, share):
+        asked.append((point, share))
+        return 2e5 * share * (1 + np.sum(PLATE[point]))
+
+    search = PlaceSearch(PLATE, "0:3", misfit, lambda rise, least, _: rise)
+    assert search.first == 5e4 and len(asked) == 17
+    assert search.likeliest(1000.0) == (1e5, None)
+    assert len(asked) < 2 * 17 + 8 and len(set(asked)) == len(asked)
+    assert search.likeliest(1e6)[1].point == "0:3"
+
+
 def test_points_without_a_motion_are_no_place():
     """A law that is too strong where the structure hardly moves gives none there."""
     at = np.array([1.3125, 0.75, 0.0])
@@ -55,7 +69,7 @@ def test_points_without_a_motion_are_no_place():
     def misfit(point, share):
         return 1.0 + 1e4 * np.sum((PLATE[point] - at) ** 2) if PLATE[point][0] > 0.5 else np.inf
 
-    least, place = likeliest_place(PLATE, "560:3", misfit, lambda rise, least, share: rise)
+    least, place = PlaceSearch(PLATE, "560:3", misfit, lambda rise, *_: rise).likeliest()
     assert place.at == pytest.approx(at, abs=0.04) and least < 20 and place.low[0] > 1.1
 
 

@@ -29,7 +29,7 @@ from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
-from romsindy.effects.outside import HIGHEST
+from romsindy.effects.outside import HIGHEST, TONES, same_tone
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
@@ -212,7 +212,8 @@ def screen(
     motions, by default the smoothed measurement.
     """
     motions = motions or [r.motion for r in records]
-    scales = _with_tones(model, tuple(parts), records, scales, motions)
+    known = {tone for e in effects if isinstance(e, TONES) for tone in e.beside}
+    scales = _with_tones(model, tuple(parts), records, scales, motions, tuple(known))
     return screened(model, parts, effects, records, scales, motions)
 
 
@@ -289,8 +290,12 @@ def _with_tones(
     records: Sequence[Record],
     scales: Scales,
     motions: Sequence[Trajectory],
+    known: tuple[float, ...],
 ) -> Scales:
-    """The strongest lines: beside the harmonics, and in what the parts leave."""
+    """The strongest lines: beside the harmonics, and in what the parts leave.
+
+    Those at ``known`` frequencies, rad/s, are those of something else: they make no comb.
+    """
     record, motion = records[0], motions[0]
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
@@ -309,7 +314,12 @@ def _with_tones(
             beats = abs(tone / scales.omega - 1) < _BEATS
             if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
-    lines = [line for r in records for line in r.noise.lines]
+    lines = [
+        line
+        for r in records
+        for line in r.noise.lines
+        if not same_tone(2 * np.pi * line.frequency, known)
+    ]
     shortest = min((r.t for r in records), key=lambda t: float(t[-1]))
     found = tuple(tuned(comb, rests) for comb in combs(lines, shortest))
     return scales._replace(tones=tuple(tones), combs=found)

@@ -8,8 +8,9 @@ has not lost step yet; then those about the likeliest, on more of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -61,53 +62,105 @@ class PlaceOnStructure:
         return {"point": self.point, **box, "told": self.told, "strengths": strengths}
 
 
-def likeliest_place(
-    points: Mapping[str, Array],
-    first: str,
-    misfit: Callable[[str, float], float],
-    tells: Callable[[float, float, float], float],
-) -> tuple[float, PlaceOnStructure]:
-    """The least misfit, and its place.
+@dataclass(frozen=True, eq=False)
+class PlaceSearch:
+    """Looks for the place of something among points, from afar to near.
 
-    ``first`` is tried before all others, and kept unless another one is better beyond doubt.
-    ``misfit`` is of a point on a part of the readings; ``tells`` says what a rise of it beyond the
-    least counts for, as chi-square.
+    Where there are no ``points`` it is at the ``own`` one, which is tried before all others, and
+    kept unless another one is better beyond doubt. ``misfit`` is of a point on a part of the
+    readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
     """
-    names, places = [*points], np.array([*points.values()])
-    extent = np.ptp(places, axis=0)
-    close, own = _CLOSE * float(np.linalg.norm(extent)), names.index(first)
-    likely, reach = {own}, np.inf
-    for share, more in _LEVELS:
-        near = np.flatnonzero(_distance(places, places[[*likely]]) <= reach)
-        chosen = {own, *likely}
+
+    points: Mapping[str, Array]
+    own: str
+    misfit: Callable[[str, float], float]
+    tells: Callable[[float, float, float], float]
+    known: dict[tuple[str, float], float] = field(default_factory=dict)
+
+    def left(self, point: str, share: float = 1.0) -> float:
+        """The misfit of a point, asked once."""
+        if (point, share) not in self.known:
+            self.known[point, share] = self.misfit(point, share)
+        return self.known[point, share]
+
+    @cached_property
+    def places(self) -> Array:
+        """Of all points, (n, 3)."""
+        return np.array([*self.points.values()])
+
+    @cached_property
+    def first(self) -> float:
+        """The least misfit on the first cycles of points that are far from each other."""
+        share, more = _LEVELS[0]
+        if not self.points:
+            return self.left(self.own, share)
+        return min(self.left(name, share) for name in self._apart({self.own}, np.inf, more)[0])
+
+    def _apart(self, likely: Collection[str], reach: float, more: int) -> tuple[list[str], float]:
+        """Likely points, the own one and so many ``more`` within reach, far from each other.
+
+        As second how far the rest within reach is from them.
+        """
+        names, places = [*self.points], self.places
+        chosen = {names.index(name) for name in (self.own, *likely)}
+        near = np.flatnonzero(_distance(places, places[[names.index(n) for n in likely]]) <= reach)
         for _ in range(more):
             apart = _distance(places[near], places[[*chosen]])
-            if apart.max() <= close:
+            if apart.max() <= self._close:
                 break
             chosen.add(int(near[np.argmax(apart)]))
-        left = {i: misfit(names[i], share) for i in sorted(chosen)}
-        least = min(left.values())
-        likely = {i for i, x in left.items() if tells(x - least, least, share) <= PLACE_RISE}
-        # Between points that were tried one may be as likely.
-        reach = max(float(_distance(places[near], places[[*chosen]]).max()), close)
-    best = min(left, key=lambda i: left[i])
-    while True:
-        nearest = np.argsort(np.linalg.norm(places - places[best], axis=1))[1 : 1 + _AROUND]
-        left |= {i: misfit(names[i], 1.0) for i in nearest.tolist() if i not in left}
-        if left[best] <= min(left.values()):
-            break
-        best = min(left, key=lambda i: left[i])
-    likely = {i for i, x in left.items() if tells(x - left[best], left[best], 1.0) <= PLACE_RISE}
-    best = own if own in likely else best
-    inside = np.flatnonzero(_distance(places, places[[*likely]]) <= reach)
-    box = places[inside]
-    along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
-    ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]
-    spans = zip(places.T, box.min(axis=0), box.max(axis=0), strict=True)
-    sides = [_beyond(*span) for span in spans]
-    low, high = np.array(sides).T
-    given = places[best], low, high, extent, ends
-    return left[best], PlaceOnStructure(names[best], *given)
+        rest = float(_distance(places[near], places[[*chosen]]).max())
+        return [names[i] for i in sorted(chosen)], max(rest, self._close)
+
+    @property
+    def _close(self) -> float:
+        return _CLOSE * float(np.linalg.norm(np.ptp(self.places, axis=0)))
+
+    def likeliest(self, most: float = np.inf) -> tuple[float, PlaceOnStructure | None]:
+        """The least misfit, and its place.
+
+        What leaves more than ``most`` of the first cycles already, wherever it is, leaves more of
+        all: its place is not told.
+        """
+        if not self.points:
+            return self.left(self.own), None
+        names, places = [*self.points], self.places
+        likely, reach = {self.own}, np.inf
+        for level, (share, more) in enumerate(_LEVELS):
+            chosen, reach = self._apart(likely, reach, more)
+            left = {name: self.left(name, share) for name in chosen}
+            least = min(left.values())
+            if level and not self._alike(least, most, share):
+                return least, None
+            likely = {n for n, x in left.items() if self._alike(x, least, share)}
+        best = min(left, key=lambda n: left[n])
+        while True:
+            apart = np.linalg.norm(places - self.points[best], axis=1)
+            nearest = [names[i] for i in np.argsort(apart)[1 : 1 + _AROUND]]
+            left |= {n: self.left(n) for n in nearest}
+            if left[best] <= min(left.values()):
+                break
+            best = min(left, key=lambda n: left[n])
+        likely = {n for n, x in left.items() if self._alike(x, left[best], 1.0)}
+        best = self.own if self.own in likely else best
+        return left[best], self._told(best, likely, reach)
+
+    def _alike(self, x: float, least: float, share: float) -> bool:
+        return self.tells(x - least, least, share) <= PLACE_RISE
+
+    def _told(self, best: str, likely: Collection[str], reach: float) -> PlaceOnStructure:
+        """The place, with the box of points that may be."""
+        names, places = [*self.points], self.places
+        extent = np.ptp(places, axis=0)
+        inside = np.flatnonzero(
+            _distance(places, np.array([self.points[n] for n in likely])) <= reach
+        )
+        box = places[inside]
+        along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
+        ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]
+        spans = zip(places.T, box.min(axis=0), box.max(axis=0), strict=True)
+        low, high = np.array([_beyond(*span) for span in spans]).T
+        return PlaceOnStructure(best, self.points[best], low, high, extent, ends)
 
 
 def _beyond(places: Array, low: float, high: float) -> tuple[float, float]:

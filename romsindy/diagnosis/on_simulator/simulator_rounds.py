@@ -20,7 +20,7 @@ from romsindy.diagnosis.all_sensors import (
     without,
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
-from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, likeliest_place
+from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, PlaceSearch
 from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, ValueEffect
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
@@ -43,9 +43,9 @@ _STEP = 0.01  # of a value, for what a change of it does
 _TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
 # Cycles of the first look at all sensors, steps of each, and how much longer the next is
 _FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
-_LISTENED = 2  # times that all sensors are heard, each with the best so far in the simulator
+_LISTENED = 3  # times that all sensors are heard, each with the best so far in the simulator
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
-_MOST = 3  # explanations that they are heard of: the best, and two that are simulated
+_MOST = 6  # explanations that they are heard of: the best, and others that are simulated
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
 _DETUNED = 2e-3
@@ -130,16 +130,28 @@ class SimulatorRounds(Rounds):
     def run(
         self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
     ) -> Outcome:
-        """As every structure; then the simulator itself comes as near to the records as it can."""
+        """As every structure; then the simulator itself comes as near to the records as it can.
+
+        What several sensors can refute is heard by them first.
+        """
         best = super().run(effects, before, parts)
-        if best.trouble or not best.parts:
+        refutable = len(self.structure.shape) > 1 and best.report.best.effects
+        return best if refutable else self._brought_nearer(best)
+
+    def _brought_nearer(self, best: Outcome) -> Outcome:
+        """The same, with the simulator as near to the records as it comes, if it stays the same."""
+        if best.trouble or not best.parts or self.options.over:
             return best
+        kept = self.own, self.variances
         nearer = self._polished(best)
         if nearer is best:
             return best
-        report = self._look(effects, nearer.corrected, len(best.report.best.effects))
-        same = report.best.names == best.report.best.names
-        return nearer._replace(report=report) if same else best
+        report = self._look((), nearer.corrected, len(best.report.best.effects))
+        if report.best.names == best.report.best.names:
+            return nearer._replace(report=report)
+        self.own, self.variances = kept
+        self.return_to(best.corrected)
+        return best
 
     def _polished(self, best: Outcome) -> Outcome:
         """The same, but for its report, with the simulator as near to the records as it comes."""
@@ -174,36 +186,42 @@ class SimulatorRounds(Rounds):
         The simulator is simulated with the likeliest explanation, and looked at again, until that
         is what is found.
         """
-        if len(self.structure.shape) > 1:
-            found = self._with_one_value(found)
-        for _ in range(_LISTENED if len(self.structure.shape) > 1 else 0):
-            report, before = found.report, self.structure
-            asked = self.near(report, _MOST)
-            said = bool(report.best.effects) and report.verdict != "none"
-            if found.trouble or not said or len(asked) < (1 if before.points else 2):
-                break
+        if len(self.structure.shape) == 1:
+            return found
+        found = self._with_one_value(found)
+        for _ in range(_LISTENED):
             if self.options.over:
-                return found._replace(report=replace(report, interrupted=True))
+                return found._replace(report=replace(found.report, interrupted=True))
+            before = self.structure
             try:
-                best = self.likeliest(asked, self._heard(asked, found))
-                if best.names == report.best.names and self.structure is before:
-                    look = self._look((), found.corrected, len(report.best.effects))
-                    if look.best.names == best.names:
-                        return found._replace(report=look)
-                    again = self.run((), found.corrected, found.parts)
-                else:
-                    parts = self.structure.with_effects(best.parts)
-                    again = self.run((), self.simulate(parts), parts)
+                again = self._once_heard(found)
             except self.structure.failures:  # what was found stands
+                again = None
+            if again is None or again.trouble:
                 self.structure = before
-                break
-            if again.trouble:
-                self.structure = before
-                break
+                self.return_to(found.corrected)
+                return self._brought_nearer(found)
+            settled = again.parts is found.parts and self.structure is before
             found = again
-            if found.report.best.names == best.names:
+            if settled:
                 break
         return found
+
+    def _once_heard(self, found: Outcome) -> Outcome:
+        """What is found once all sensors had their say, and near to the records."""
+        report, before = found.report, self.structure
+        asked = self.near(report, _MOST)
+        said = bool(report.best.effects) and report.verdict != "none"
+        if found.trouble or not said or len(asked) < (1 if before.points else 2):
+            return self._brought_nearer(found) if report.best.effects else found
+        best = self.likeliest(asked, self._heard(asked, found))
+        if best.names != report.best.names or self.structure is not before:
+            parts = self.structure.with_effects(best.parts)
+            return self._brought_nearer(self.run((), self.simulate(parts), parts))
+        look = self._look((), found.corrected, len(report.best.effects))
+        if look.best.names == best.names:
+            return self._brought_nearer(found._replace(report=look))
+        return self._brought_nearer(self.run((), found.corrected, found.parts))
 
     def right(self, found: Outcome) -> Outcome:
         """The same by a simulator that is exact at the values that were found, where it can be."""
@@ -282,13 +300,13 @@ class SimulatorRounds(Rounds):
         places: dict[Names, PlaceOnStructure | None] = {}
         there: dict[Names, tuple[Part, ...]] = {}
         for h in asked:
-            self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             parts = here.with_effects(h.parts)
-            if h.names == found.report.best.names:
-                parts = found.parts
-            name = names_of(h)
-            left[name], places[name] = self._anywhere(read, parts)
-            there[name] = parts
+            there[names_of(h)] = found.parts if h.names == found.report.best.names else parts
+        heard = {names: self._anywhere(read, parts) for names, parts in there.items()}
+        for names in sorted(heard, key=lambda names: heard[names].first):
+            self.options.progress(f"all sensors beside {' + '.join(sorted(names))}")
+            nearest = min((left[n] for n in places), default=np.inf)
+            left[names], places[names] = heard[names].likeliest(nearest)
         least = min(left.values())
         noise = noise_of(least, read)
         best = min(places, key=lambda names: left[names])
@@ -301,13 +319,11 @@ class SimulatorRounds(Rounds):
             self.place = replace(self.place, strengths=(low, high))
         return {names: tells(x - least, least, noise) for names, x in left.items()}
 
-    def _anywhere(
-        self, read: Sequence[Readings], parts: tuple[Part, ...]
-    ) -> tuple[float, PlaceOnStructure | None]:
-        """Chi-square that some parts leave of all sensors, where they are likeliest."""
-        here, points = self.structure, self.structure.points
+    def _anywhere(self, read: Sequence[Readings], parts: tuple[Part, ...]) -> PlaceSearch:
+        """Chi-square that some parts leave of all sensors, wherever they may act."""
+        here = self.structure
 
-        def misfit(point: str, share: float = 1.0) -> float:
+        def misfit(point: str, share: float) -> float:
             there, part = here if point == here.at_point else here.at(point), heard(share)
             try:
                 motions = [self._motion(i, parts, r, there) for i, r in enumerate(part)]
@@ -323,9 +339,8 @@ class SimulatorRounds(Rounds):
         def told(rise: float, least: float, share: float) -> float:
             return tells(rise, least, noise_of(least, heard(share)))
 
-        if not points or not here.acts(parts):
-            return misfit(here.at_point), None
-        return likeliest_place(points, here.at_point, misfit, told)
+        points = here.points if here.acts(parts) else {}
+        return PlaceSearch(points, here.at_point, misfit, told)
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
         """Chi-square of what motions leave of all sensors."""
