@@ -48,7 +48,7 @@ def test_where_all_points_do_the_same_the_first_is_kept():
 
 
 def test_what_is_far_from_the_records_everywhere_is_asked_no_further():
-    """What else explains them leaves 1000; this leaves 100,000 of half the readings at the least."""
+    """What else explains them leaves 1000, this at the least 100,000 of half the readings."""
     asked = []
 
     def misfit(point, share):

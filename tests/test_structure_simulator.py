@@ -92,6 +92,54 @@ def test_modes_that_ring_are_stiffened_and_driven_by_the_first(held_by, stiffer)
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
 
 
+def test_what_other_modes_move_counts_in_modes_that_ring():
+    """Two coordinates q, r and a third that is c q^2 + b q r: its energy, in time by scipy.
+
+    On a slender structure that shortens so, this takes back what the second mode is stiffened by.
+    """
+    c, b, alpha, k, m = 0.8, 3.0, 0.3, 20.0, 0.05
+    phi, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))  # rows are modes
+    q, tangents = np.linspace(-0.5, 0.5, 10), []
+    for x in q:
+        by = np.array([-2 * c * x, -b * x, 1.0])
+        inner = np.diag([*OMEGA[:2] ** 2, 0.0]) + OMEGA[2] ** 2 * np.outer(by, by)
+        tangents.append(phi.T @ inner @ phi)
+    moved = np.outer(q, phi[0]) + c * np.outer(q**2, phi[2])
+    cases = {1: (OMEGA[0] ** 2 * q, moved)}
+    given = phi, OMEGA, cases, [1, 2, 3], [1, 1, 1]
+    structure = rs.Structure.from_arrays(np.eye(3), *given, tangents={1: tangents})
+    simulator = structure.simulator(SENSORS, rings=1, damping=Damping(alpha=alpha))
+    t = T / 2
+    x = simulator.simulate(0.1, t, lambda t, x, v: -k * x, "3:1", mass=m)
+    first, point = phi[:, 0], phi[:, 2]
+
+    def there(z):
+        return np.array([z[0], z[1], c * z[0] ** 2 + b * z[0] * z[1]])
+
+    def tangent(z):
+        return np.array([[1, 0], [0, 1], [2 * c * z[0] + b * z[1], b * z[0]]])
+
+    def pull(z):
+        return OMEGA[:2] ** 2 * z + k * tangent(z).T @ point * (point @ there(z))
+
+    def left(z):
+        return np.append(pull(z[:2]) - z[2] * tangent(z).T @ first, first @ there(z) - 0.1)
+
+    rest = root_of(left, [0.1 / first[0], 0, 1.0], tol=1e-13).x[:2]
+    mass = np.eye(3) + m * np.outer(point, point)
+
+    def motion(_, y):
+        z, v, along = y[:2], y[2:], tangent(y)
+        turned = np.array([0, 0, 2 * c * v[0] ** 2 + 2 * b * v[0] * v[1]])
+        pushed = pull(z) + along.T @ (mass @ turned + alpha * along @ v)
+        return np.append(v, -np.linalg.solve(along.T @ mass @ along, pushed))
+
+    start = np.append(rest, np.zeros(2))
+    done = solve_ivp(motion, (0, t[-1]), start, "DOP853", t, rtol=1e-10, atol=1e-12)
+    expected = np.array([there(z) for z in done.y[:2].T]) @ phi[:, :2]
+    assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
 def test_a_linear_structure_rings_in_closed_form():
     """All three modes, let go from a static shape under a force at the first sensor."""
     structure, zeta = _structure(), 0.02

@@ -97,7 +97,7 @@ class HeldCurve:
         x = np.cos(np.pi * (np.arange(count) + 0.5) / count)
         return (low + high) / 2 + (high - low) / 2 * x
 
-    def _powers(self, q: Array, slope: bool = False) -> Array:
+    def powers_at(self, q: Array, slope: bool = False) -> Array:
         """q^2 T_k, or their derivatives, (len(q), order - 1)."""
         low, high = self.range
         x, scale = (2 * q - low - high) / (high - low), 2 / (high - low)
@@ -111,32 +111,33 @@ class HeldCurve:
 
     @cached_property
     def _solve(self) -> Array:
-        return np.linalg.pinv(self._powers(self.at))
+        return np.linalg.pinv(self.powers_at(self.at))
 
     @cached_property
     def _force(self) -> Array:
         return np.asarray(self._solve @ (self.cases.factors - self.omega2 * self.at))
 
     @cached_property
-    def _following(self) -> Array:
+    def follows(self) -> Array:
+        """s of each of `powers_at`, (order - 1, n)."""
         return np.asarray(self._solve @ (self.cases.shapes - np.outer(self.at, self.mode.shape)))
 
     @cached_property
     def _products(self) -> Array:
-        return np.asarray(self._following @ (self.mode.mass @ self._following.T))
+        return np.asarray(self.follows @ (self.mode.mass @ self.follows.T))
 
     def force_at(self, q: Array) -> Array:
         """K(q), (len(q),)."""
-        return np.asarray(self.omega2 * q + self._powers(q) @ self._force)
+        return np.asarray(self.omega2 * q + self.powers_at(q) @ self._force)
 
     def inertia_at(self, q: Array) -> Array:
         """1 + h(q), (len(q),)."""
-        slopes = self._powers(q, slope=True)
+        slopes = self.powers_at(q, slope=True)
         return np.asarray(1.0 + np.einsum("ij,jk,ik->i", slopes, self._products, slopes))
 
     def following_at(self, q: Array, slope: bool = False) -> Array:
         """s(q), or its derivative, of all freedoms, (len(q), n)."""
-        return np.asarray(self._powers(q, slope) @ self._following)
+        return np.asarray(self.powers_at(q, slope) @ self.follows)
 
     def shapes_at(self, q: Array) -> Array:
         """x(q) of all freedoms, (len(q), n)."""
@@ -181,7 +182,7 @@ class HeldCurve:
 
     def left_out(self) -> CurveError:
         """How far K and s are from cases that take no part, as parts of their largest change."""
-        powers = self._powers(self.at)
+        powers = self.powers_at(self.at)
         free = 1 - np.einsum("ij,ji->i", powers, self._solve)
         off = self.cases.factors - self.force_at(self.at)
         lost = self.cases.shapes - self.shapes_at(self.at)

@@ -1,13 +1,13 @@
 """Modes that ring beside the one that is held: stiffened, bent and driven by it.
 
-With a_j = phi_j^T M x of such a mode, s_j(q) where it follows the first at rest, and r = a - s(q):
+With r_j = phi_j^T M u of such a mode, beyond where it follows the first at rest:
 
-    kinetic energy    (1 + h(q) - s'^T s') q'^2 / 2 + a'^T a' / 2
+    displacements     u = x(q) + sum_j psi_j(q) r_j
+    kinetic energy    u'^T M u' / 2
     potential energy  integral K dq + r^T W(q) r / 2
-    displacements     x(q) + sum_j psi_j(q) r_j
 
-All other modes follow at rest. Both W and psi come from the tangent stiffness K_T at shapes that
-were held: with Phi of all modes that are kept, the first among them,
+All other modes follow at rest, and what they move counts in M. Both W and psi come from the tangent
+stiffness K_T at shapes that were held: with Phi of all modes that are kept, the first among them,
 
     H = (Phi^T M K_T^-1 M Phi)^-1,    psi = K_T^-1 M Phi H
 
@@ -71,15 +71,6 @@ class RungModes:
         changes = stiffness - np.diag(omega2), follow - shapes
         return cls(curve, numbers, omega2, shapes, *(np.tensordot(solve, x, 1) for x in changes))
 
-    @cached_property
-    def momenta(self) -> Array:
-        """M phi, (n, k)."""
-        return np.asarray(self.curve.mode.mass @ self.shapes.T)
-
-    def rest_at(self, q: Array, slope: bool = False) -> Array:
-        """s(q), or its derivative, (len(q), k)."""
-        return self.curve.following_at(q, slope) @ self.momenta
-
     def stiffness_at(self, q: Array, slope: bool = False) -> Array:
         """W(q), or its derivative, (len(q), k, k)."""
         change = np.tensordot(_powers(self.curve, q, len(self.stiffer), slope), self.stiffer, 1)
@@ -91,8 +82,24 @@ class RungModes:
         change = np.tensordot(powers, self.bent[:, :, rows], 1)
         return change if slope else self.shapes[:, rows] + change
 
-    def at_point(self, row: int) -> Callable[[float], RungValues]:
-        """What the motion asks of one q after the other, at a freedom.
+    @cached_property
+    def products(self) -> Array:
+        """B M B^T of all shapes of which others are sums: those at rest, then what follows.
+
+        Those at rest are modes: between decks they are so nearly.
+        """
+        curve, k = self.curve, len(self.omega2)
+        modes = np.vstack([curve.mode.shape, self.shapes])
+        changes = np.vstack([curve.follows, self.bent.reshape(-1, modes.shape[1])])
+        beside = np.asarray(modes @ (curve.mode.mass @ changes.T))
+        beside[0] = 0.0  # by what q is
+        beside[1:, len(curve.follows) :] = 0.0  # by what r is
+        return np.block(
+            [[np.eye(1 + k), beside], [beside.T, changes @ (curve.mode.mass @ changes.T)]]
+        )
+
+    def at_point(self, row: int, mass: float) -> Callable[[float], RungValues]:
+        """What the motion asks of one q after the other, with a mass at a freedom.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
         The function raises a ValueError for a q beyond the range.
@@ -106,34 +113,35 @@ class RungModes:
             slopes = chebyshev.chebder(chebyshev.chebfit(nodes, values, _FINE - 1)) / half
             return np.asarray(chebyshev.chebval(nodes, slopes).T)
 
-        s_q, moved, psi = (
-            self.rest_at(q, True),
-            self.curve.shapes_at(q)[:, row],
-            self.shapes_at(q, [row])[:, :, 0],
+        along = self.curve.powers_at(q, slope=True)
+        bends = [_powers(self.curve, q, len(self.bent), slope) for slope in (False, True)]
+        one, n = np.eye(1 + k), along.shape[1]
+        first = 1 + k + n
+        parts = np.zeros((_FINE, 2 + 3 * k, len(self.products)))  # x', x'', psi, psi', psi''
+        parts[:, 0, 0], parts[:, 0, 1 + k : first] = 1.0, along
+        parts[:, 1, 1 + k : first] = derived(along)
+        parts[:, 2 : 2 + k, : 1 + k] = one[1:]
+        for i, powers in enumerate((*bends, derived(bends[1]))):
+            for j in range(k):
+                parts[:, 2 + i * k + j, first + j :: k] = powers
+        at_row = np.concatenate(
+            [[self.curve.mode.shape[row]], self.shapes[:, row], self.curve.follows[:, row]]
         )
-        inertia = self.curve.inertia_at(q) - np.sum(s_q**2, axis=1)
-        stiffness, psi_q = self.stiffness_at(q), self.shapes_at(q, [row], True)[:, :, 0]
-        moved_q = derived(moved)
-        single = [
+        point = parts @ np.append(at_row, self.bent[:, :, row].ravel())
+        inertia = parts @ self.products @ np.swapaxes(parts, 1, 2)
+        inertia += mass * point[:, :, None] * point[:, None, :]
+        columns = [
             self.curve.force_at(q),
+            self.curve.shapes_at(q)[:, row],
+            point,
+            along @ self.products[1 + k : first, 1 : 1 + k],
             inertia,
-            derived(inertia),
-            moved,
-            moved_q - np.sum(psi * s_q, axis=1),
-            derived(moved_q) - np.sum(psi * derived(s_q), axis=1),
-            np.sum(psi_q * s_q, axis=1),
+            self.stiffness_at(q),
+            self.stiffness_at(q, slope=True),
         ]
-        several = [
-            self.rest_at(q),
-            psi,
-            psi_q,
-            derived(psi_q),
-            -np.einsum("ijk,ik->ij", stiffness, s_q),
-        ]
-        squares = [stiffness, self.stiffness_at(q, True)]
-        columns = [np.array(single).T, *several, *(x.reshape(_FINE, -1) for x in squares)]
-        table = chebyshev.chebfit(nodes, np.hstack(columns), _FINE - 1).T
-        orders, n, m = np.arange(_FINE), len(single), len(single) + len(several) * k
+        table = np.hstack([x.reshape(_FINE, -1) for x in columns])
+        ends = np.cumsum([x[0].size for x in columns])
+        table, orders = chebyshev.chebfit(nodes, table, _FINE - 1).T, np.arange(_FINE)
 
         def at(q: float) -> RungValues:
             x = (q - centre) / half
@@ -147,27 +155,29 @@ class RungModes:
             else:
                 terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
             v = table @ terms
-            vectors, matrices = v[n:m].reshape(len(several), k), v[m:].reshape(2, k, k)
-            return RungValues(*v[:n].tolist(), *vectors, *matrices)
+            return RungValues(
+                mass,
+                v[0],
+                v[1],
+                v[2 : ends[2]],
+                v[ends[2] : ends[3]],
+                v[ends[3] : ends[4]].reshape(2 + 3 * k, 2 + 3 * k),
+                v[ends[4] : ends[5]].reshape(k, k),
+                v[ends[5] :].reshape(k, k),
+            )
 
         return at
 
 
 class RungValues(NamedTuple):
-    """Functions of q at a freedom, whose displacement is x + psi^T r."""
+    """Functions of q; vectors are x', x'', psi, psi', psi'', which are 2 + 3 k."""
 
+    mass: float  # at the point
     force: float  # K
-    inertia: float  # m = 1 + h - s'^T s'
-    inertia_q: float  # m'
-    moved: float  # x
-    slope: float  # x' - psi^T s', by q
-    curvature: float  # x'' - psi^T s''
-    turned: float  # psi'^T s'
-    rest: Array  # s, (k,)
-    psi: Array
-    psi_q: Array
-    psi_qq: Array
-    pull: Array  # -W s'
+    moved: float  # x of the point
+    point: Array  # the vectors at the point, (2 + 3 k,)
+    follows: Array  # s' of the modes that ring, where these follow at rest, (k,)
+    inertia: Array  # products of the vectors, with the mass at the point, (2 + 3 k, 2 + 3 k)
     stiffness: Array  # W, (k, k)
     stiffness_q: Array  # W'
 

@@ -1,12 +1,11 @@
 """A structure as a simulator of free decays: one mode with all that follows it, and others beside.
 
-With q of the mode that was held, a of modes that ring, and r = a - s(q) (see `ringing`):
+With coordinates z = (q, r) and the tangents T = du/dz of displacements u (see `ringing`):
 
-    m q'' + m'/2 q'^2 + K - s'^T W r + r^T W' r / 2 + (2 zeta omega + alpha (m - 1)) q' = x_q f
-    a'' + 2 zeta omega a' + W r = psi_p f
-    x_q = x_p' - psi_p^T s' + psi_p'^T r
+    T^T M (T z'' + (T' z')) + (K + r^T W' r / 2, W r) + alpha T^T M T z' + S^T c S z' = T_p^T f
 
-with m = 1 + h - s'^T s', under a force f at a point p; a mass there adds the force -m_p x_p''.
+where c are rates of the modes beside alpha, and S z' the rates of their coordinates (q, s(q) + r),
+under a force f at a point p; a mass there is a part of M.
 """
 
 from __future__ import annotations
@@ -17,12 +16,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 from scipy.optimize import brentq
 from scipy.sparse import csc_array
 
 from romsindy.structure.held import HeldCurve
 from romsindy.structure.linear import HeldCases, LinearMode, LinearModel
-from romsindy.structure.ringing import RungModes
+from romsindy.structure.ringing import RungModes, RungValues
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
@@ -298,13 +298,14 @@ class StructureSimulator:
         damping = self.damping._replace(**values)
         omega2 = modulus / density * np.append(self.curve.omega2, self.ringing.omega2)
         rates = np.asarray(damping.rates(np.sqrt(omega2)))
-        added = _Added(row, force, mass / self.units.mass / density)
-        beside = self._beside_linear(added, modulus / density, density, omega2, rates, damping)
+        at_point = self.ringing.at_point(row, mass / self.units.mass / density)
+        push = None if force is None else self._push(force, density)
+        beside = _beside_linear(at_point, push, modulus / density, omega2, rates, damping.alpha)
         y = _in_time(t, start, omega2, rates, beside)
         q = y[:, 0, 0]
-        r = y[:, 0, 1:] - self.ringing.rest_at(q)
         psi = self.ringing.shapes_at(q, list(self.sensors))
-        moved = self.curve.shapes_at(q)[:, self.sensors] + np.einsum("ij,ijk->ik", r, psi)
+        bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], psi)
+        moved = self.curve.shapes_at(q)[:, self.sensors] + bent
         return np.asarray(self.units.length * moved)
 
     @property
@@ -373,61 +374,50 @@ class StructureSimulator:
                 f" {ends[1]:.4g} at the first sensor: hold it over a larger one"
             )
         q = brentq(off, low, high, xtol=1e-14 * (high - low))
-        a = ringing.rest_at(np.array([q]))[0] + rung(q)
-        return np.stack([np.append(q, a), np.zeros(1 + len(a))])
+        start = np.append(q, rung(q))
+        return np.stack([start, np.zeros(len(start))])
 
-    def _beside_linear(
-        self,
-        added: _Added,
-        stiffer: float,
-        density: float,
-        omega2: Array,
-        rates: Array,
-        damping: Damping,
-    ) -> Callable[[float, Array], Array]:
-        """Accelerations (m,) beside those of the linear modes, at a time and a state (2 m,)."""
-        row, force, mass = added
-        at_point, m, units, alpha = (
-            self.ringing.at_point(row),
-            len(omega2),
-            self.units,
-            damping.alpha,
-        )
-        lifts = units.force * density
-
-        def beside(t: float, y: Array) -> Array:
-            here, q_dot = at_point(float(y[0])), float(y[m])
-            r, along = y[1:m] - here.rest, np.empty(m)  # slopes of the point by all coordinates
-            along[0] = here.slope + here.psi_q @ r
-            along[1:] = here.psi
-            held = here.force + here.pull @ r + r @ here.stiffness_q @ r / 2
-            slowed = (rates[0] + alpha * (here.inertia - 1)) * q_dot
-            slow = rates * y[m:]
-            free = -slow
-            free[0] = -stiffer * held - here.inertia_q / 2 * q_dot**2 - slowed
-            free[1:] -= stiffer * (here.stiffness @ r)
-            if force is not None:
-                x, v = here.moved + here.psi @ r, along @ y[m:]
-                free += force(t, units.length * float(x), units.length * float(v)) / lifts * along
-            free[0] /= here.inertia
-            if mass:
-                lifted = along.copy()
-                lifted[0] /= here.inertia  # by a unit of force
-                turned = here.psi_q @ y[m + 1 :] - here.turned * q_dot
-                curved = here.curvature + here.psi_qq @ r
-                pulled = along @ free + curved * q_dot**2 + 2 * turned * q_dot
-                free -= mass * pulled / (1 + mass * (along @ lifted)) * lifted
-            return np.asarray(free + omega2 * y[:m] + slow)
-
-        return beside
+    def _push(self, force: Force, density: float) -> Force:
+        """A force in units of the model over its density, of what is in these."""
+        length, unit = self.units.length, self.units.force * density
+        return lambda t, x, v: force(t, length * x, length * v) / unit
 
 
-class _Added(NamedTuple):
-    """What is added at a freedom, in units of the model over its density."""
+def _beside_linear(
+    at_point: Callable[[float], RungValues],
+    push: Force | None,
+    stiffer: float,
+    omega2: Array,
+    rates: Array,
+    alpha: float,
+) -> Callable[[float, Array], Array]:
+    """Accelerations (m,) beside those of the linear modes, at a time and a state (2 m,)."""
+    m, own = len(omega2), rates - alpha
+    psi, turned, curved = slice(2, 1 + m), slice(1 + m, 2 * m), slice(2 * m, None)
+    tangent, bends = np.zeros((2, 3 * m - 1))  # of q, and what does not follow accelerations
+    tangent[0], mass, free, along = 1.0, np.empty((m, m)), np.empty(m), np.empty(m)
 
-    row: int
-    force: Force | None
-    mass: float
+    def beside(t: float, y: Array) -> Array:
+        here, r, v = at_point(float(y[0])), y[1:m], y[m:]
+        q_dot, modal = v[0], here.follows * v[0] + v[1:]
+        tangent[turned] = r
+        bends[1], bends[turned], bends[curved] = q_dot**2, 2 * q_dot * v[1:], q_dot**2 * r
+        momentum = here.inertia @ tangent
+        mass[0, 0], mass[0, 1:], mass[1:, 0] = momentum @ tangent, momentum[psi], momentum[psi]
+        mass[1:, 1:] = here.inertia[psi, psi]
+        free[0] = -momentum @ bends - stiffer * (here.force + r @ here.stiffness_q @ r / 2)
+        free[1:] = -here.inertia[psi] @ bends - stiffer * (here.stiffness @ r)
+        free[0] -= own[0] * q_dot + here.follows @ (own[1:] * modal)
+        free[1:] -= own[1:] * modal
+        along[0], along[1:] = here.point @ tangent, here.point[psi]
+        speed = float(along @ v)
+        pushed = alpha * here.mass * speed  # what was added is not damped
+        if push is not None:
+            pushed += push(t, float(here.moved + here.point[psi] @ r), speed)
+        solved = dposv(mass, free - alpha * (mass @ v) + pushed * along)[1]
+        return np.asarray(solved + omega2 * y[:m] + rates * v)
+
+    return beside
 
 
 def _in_time(

@@ -130,7 +130,7 @@ class PlaceSearch:
             chosen, reach = self._apart(likely, reach, more)
             left = {name: self.left(name, share) for name in chosen}
             least = min(left.values())
-            if level and not self._alike(least, most, share):
+            if level and least > most and not self._alike(least, most, share):
                 return least, None
             likely = {n for n, x in left.items() if self._alike(x, least, share)}
         best = min(left, key=lambda n: left[n])

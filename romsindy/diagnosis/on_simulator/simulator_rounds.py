@@ -38,6 +38,7 @@ from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
+_ASTRAY = 2.0  # the same that a mode leaves which has lost step, at least
 _LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 _TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
@@ -156,6 +157,8 @@ class SimulatorRounds(Rounds):
     def _polished(self, best: Outcome) -> Outcome:
         """The same, but for its report, with the simulator as near to the records as it comes."""
         best = self._changed(best, self._nearer)
+        if self.there and self.own_error(best.corrected) < _ASTRAY:
+            return best
         grown = self._changed(best, self._grown, 1)
         return best if grown is best else self._changed(grown, self._nearer)
 
