@@ -253,20 +253,23 @@ class Rounds:
             return False
         return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())
 
-    def near(self, report: DiagnosisReport, most: int) -> list[Hypothesis]:
+    def near(self, report: DiagnosisReport, most: int, instead: float = 0.0) -> list[Hypothesis]:
         """At ``most`` so many explanations that leave next to nothing of the coordinate.
 
         They are those that the structure can have, and that leave as little of the other modes once
-        these were heard.
+        these were heard. Where values alone are blamed they may be these, and effects that leave
+        less than ``instead`` more.
         """
         best = report.best
         gap = report.base.at(best.noise).misfit - best.misfit
+        slack = _NEAR * gap if best.effects else instead
+        blamed = best if instead and not best.effects else None
         without = self.elsewhere.get(frozenset(), 0.0)
         found: dict[Names, Hypothesis] = {}
         for h in (best, *report.rivals, *report.compared):
-            as_few = 0 < len(h.effects) <= len(best.effects)
+            as_few = h is blamed or 0 < len(h.effects) <= max(len(best.effects), blamed is not None)
             heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
-            if h.score < best.score + _NEAR * gap and as_few and self.can_have(h.effects) and heard:
+            if h.score < best.score + slack and as_few and self.can_have(h.effects) and heard:
                 found.setdefault(names_of(h), h)
         for names, h in self.doubtful.items():
             found.setdefault(names, h)

@@ -47,6 +47,7 @@ _FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
 _LISTENED = 3  # times that all sensors are heard, each with the best so far in the simulator
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
+_INSTEAD = 50.0  # of chi-square in the coordinate: by less it hardly tells values from effects
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
 _DETUNED = 2e-3
@@ -101,7 +102,9 @@ class SimulatorRounds(Rounds):
             as_measured(r, self.structure.coordinate(c.readings))
             for r, c in zip(self.records, found, strict=True)
         ]
-        followed = fit(self.model, parts, seen, iterations=30)
+        # Values that do the same to the equation are those of the simulator, not the likelier ones.
+        there = [p if p.tolerance is None else replace(p, near=float(p.values[0])) for p in parts]
+        followed = fit(self.model, there, seen, iterations=30)
         if not followed.finite:
             raise TrajectoryError("no motion of its equation follows it")
         self.own = followed.parts
@@ -136,7 +139,7 @@ class SimulatorRounds(Rounds):
         What several sensors can refute is heard by them first.
         """
         best = super().run(effects, before, parts)
-        refutable = len(self.structure.shape) > 1 and best.report.best.effects
+        refutable = len(self.structure.shape) > 1 and best.report.best.names
         return best if refutable else self._brought_nearer(best)
 
     def _brought_nearer(self, best: Outcome) -> Outcome:
@@ -213,10 +216,10 @@ class SimulatorRounds(Rounds):
     def _once_heard(self, found: Outcome) -> Outcome:
         """What is found once all sensors had their say, and near to the records."""
         report, before = found.report, self.structure
-        asked = self.near(report, _MOST)
-        said = bool(report.best.effects) and report.verdict != "none"
+        asked = self.near(report, _MOST, _INSTEAD)
+        said = bool(report.best.names) and report.verdict != "none"
         if found.trouble or not said or len(asked) < (1 if before.points else 2):
-            return self._brought_nearer(found) if report.best.effects else found
+            return self._brought_nearer(found)
         best = self.likeliest(asked, self._heard(asked, found))
         if best.names != report.best.names or self.structure is not before:
             parts = self.structure.with_effects(best.parts)
@@ -260,7 +263,7 @@ class SimulatorRounds(Rounds):
         """
         known, n = scales(self.records), len(self.records)
         values = [e for e in self.general if isinstance(e, ValueEffect)]
-        done = found.trouble or found.report.best.effects or self.options.over
+        done = found.trouble or found.report.best.names or self.options.over
         if done or not values or self.own_error(found.corrected) <= _CLOSE:
             return found
         misfits = {frozenset[str](): self._misfit(found.parts, found.corrected)}

@@ -48,7 +48,7 @@ _TOGETHER = 1e-4  # of the largest motion: what channels do beside it, at least,
 _LOUDER = 3.0  # times the noise, at the most, where other modes do not show
 _VIBRATES = 6  # crossings: what has fewer is no vibration, and is refused as that
 _OTHER_RATE = 5.0  # times the frequency: no value that is known to some per cent makes that
-_STEP = 0.01  # of a value, for what a change of it does
+_STEP = 0.03  # of a value, for what a change of it does
 
 
 def diagnose_simulator(
@@ -319,7 +319,7 @@ def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
 def _linear_change(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> float:
     """Change of omega^2 of the equation that a simulated motion (n, n_sensors) shows."""
     record = Record.of(Decay(t, on.coordinate(x)), 1e-6)
-    return float(_changes(model, linear_parts(record), record)[0])
+    return float(_changes(model, linear_parts(record), [record])[0])
 
 
 def _value_effect(
@@ -333,25 +333,25 @@ def _value_effect(
             " have"
         )
     step = _STEP * value or zero
-    release, q = max(on.released, key=lambda pair: abs(pair[0]))
-    base = next(a for a in on.simulator.computed if a.release == release)
-    there = on.simulated(q, base.t, values={**on.values, name: value + step})
-    slopes = (
-        _coefficients(on, model, there.displacements, base.t)
-        - _coefficients(on, model, base.displacements, base.t)
-    ) / step
+    changed = {**on.values, name: value + step}
+    # From all releases: one does not tell a linear coefficient from a nonlinear one.
+    base = [next(a for a in on.simulator.computed if a.release == r) for r, _ in on.released]
+    rows = zip(on.released, base, strict=True)
+    there = [on.simulated(q, a.t, values=changed) for (_, q), a in rows]
+    slopes = (_coefficients(on, model, there) - _coefficients(on, model, base)) / step
     direction = Combination(name, model.terms, tuple(slopes.tolist()))
     deviation = None if tolerance is None else tolerance * (abs(value) or 1.0)
     return ValueEffect(name, value, direction, deviation, zero)
 
 
-def _coefficients(on: OnSimulator, model: ReducedModel, x: Array, t: Array) -> Array:
-    """Changes of all coefficients of the equation that a simulated motion shows."""
+def _coefficients(on: OnSimulator, model: ReducedModel, answers: Sequence[SimulatedDecay]) -> Array:
+    """Changes of all coefficients of the equation that simulated motions show."""
     parts = [Part(Coefficient(term), (), np.zeros((1, 1))) for term in model.terms]
-    return _changes(model, parts, Record.of(Decay(t, on.coordinate(x)), 1e-6))
+    decays = [Decay(a.t, on.coordinate(a.displacements)) for a in answers]
+    return _changes(model, parts, [Record.of(d, 1e-6) for d in decays])
 
 
-def _changes(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
-    """Strengths of parts, one each, that make an equation follow a record."""
-    solution = fit(model, parts, [record], iterations=30)
+def _changes(model: ReducedModel, parts: Sequence[Part], records: Sequence[Record]) -> Array:
+    """Strengths of parts, one each, that make an equation follow records."""
+    solution = fit(model, parts, records, iterations=30)
     return np.array([p.strengths[0, 0] for p in solution.parts])

@@ -265,7 +265,7 @@ def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
     for part in parts:
         for value in part.strengths.ravel():
             if part.tolerance is not None:
-                known.append((at, -float(value), part.tolerance))
+                known.append((at, part.near - float(value), part.tolerance))
             at += 1
         for value, p in zip(part.shape, part.parameters, strict=True):
             if p.spread is not None:

@@ -36,8 +36,9 @@ class Part:
     effect: Effect  # with its present shape values
     parameters: tuple[Parameter, ...]  # which of them a fit may change
     strengths: Array  # (n_sets, k), one set for all records, or one for each
-    tolerance: float | None = None  # standard deviation of a strength known beforehand to be near 0
+    tolerance: float | None = None  # standard deviation of a strength known beforehand to be `near`
     most: float = np.inf  # largest strength to either side
+    near: float = 0.0
 
     @classmethod
     def of(
@@ -185,7 +186,7 @@ def prior_cost(parts: Sequence[Part]) -> float:
     cost = 0.0
     for part in parts:
         if part.tolerance is not None:
-            cost += float(np.sum((part.strengths / part.tolerance) ** 2))
+            cost += float(np.sum(((part.strengths - part.near) / part.tolerance) ** 2))
         for value, p in zip(part.shape, part.parameters, strict=True):
             if p.spread is not None:
                 cost += float((value - p.starts[0]) / p.spread) ** 2
