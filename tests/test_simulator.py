@@ -280,12 +280,12 @@ def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
 
 def test_where_no_explanation_comes_near_no_place_is_looked_for():
     """All sensors are asked of what leaves next to nothing of the coordinate: of nothing here."""
-    best = SimpleNamespace(effects=("cubic_stiffness",))
+    best = SimpleNamespace(names=("cubic_stiffness",))
     found = SimpleNamespace(report=SimpleNamespace(best=best, verdict="unknown"), trouble="")
     seen = SimpleNamespace(shape=np.ones(2), points={"here": np.zeros(3)})
-    rounds = SimpleNamespace(structure=seen, near=lambda report, most: [])
-    rounds._with_one_value = lambda outcome: outcome
-    assert SimulatorRounds.over_all_sensors(rounds, found) is found
+    rounds = SimpleNamespace(structure=seen, near=lambda *given: [])
+    rounds._brought_nearer = lambda outcome: outcome
+    assert SimulatorRounds._once_heard(rounds, found) is found
 
 
 def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from romsindy.diagnosis.structure import Moved, linear_parts, start_of
+from romsindy.diagnosis.structure import Moved, key_of, linear_parts, start_of
 from romsindy.effects.base import TermEffect
 from romsindy.effects.stiffness import MoreMass
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -144,6 +144,8 @@ class OnSimulator:
     reach: tuple[float, float] = (0.0, 0.0)  # largest displacement and velocity of the coordinate
     # Releases, and where the coordinate began
     released: list[tuple[float, float]] = field(default_factory=list)
+    # How motions of an equation came to a state: the same wherever on the simulator its parts act
+    pasts: dict[tuple[Any, ...], Past] = field(default_factory=dict)
 
     failures: ClassVar[tuple[type[Exception], ...]] = (SimulatorError, TrajectoryError)
     apart = False  # what it computed is kept here
@@ -323,7 +325,11 @@ class OnSimulator:
         known = None if release is None else release.state
         begins = known or start
         most = _EARLIEST if release is None else max(release.turns, 1)
-        past = Past.of(equation, begins, record.rate, most)
+        values = tuple((*key_of(p), p.values.tobytes()) for p in parts)
+        asked = (values, begins, record.rate, most)
+        if asked not in self.pasts:
+            self.pasts[asked] = Past.of(equation, begins, record.rate, most)
+        past = self.pasts[asked]
         turns = int(past.speed > _STILL) if release is None else release.turns
         run = self._run(past, max(turns, past.first), parts, record, float(record.t[-1]))
         if release is None:
