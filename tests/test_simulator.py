@@ -278,16 +278,6 @@ def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
     assert tenth < 4 and (half < 20 if turns else half > 40)
 
 
-def test_where_no_explanation_comes_near_no_place_is_looked_for():
-    """All sensors are asked of what leaves next to nothing of the coordinate: of nothing here."""
-    best = SimpleNamespace(names=("cubic_stiffness",))
-    found = SimpleNamespace(report=SimpleNamespace(best=best, verdict="unknown"), trouble="")
-    seen = SimpleNamespace(shape=np.ones(2), points={"here": np.zeros(3)})
-    rounds = SimpleNamespace(structure=seen, near=lambda *given: [])
-    rounds._brought_nearer = lambda outcome: outcome
-    assert SimulatorRounds._once_heard(rounds, found) is found
-
-
 def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
     """Left free in what the simulator does, it wanders, and the strength with it."""
     free = Part.of(Stop(1), Scales(SIZE, RATE, 10.0), 1, start=(0.01, 1.1))

@@ -29,8 +29,8 @@ def _middle(structure):
     ("name", "value", "rel"),
     [
         # A polynomial through 0.9, 0.95, 1, 1.05 and 1.1, which is asked between them.
-        ("modulus of root", 1.07, 2e-6),
-        ("density of root", 0.97, 2e-6),
+        pytest.param("modulus of root", 1.07, 2e-6, marks=pytest.mark.slow),
+        pytest.param("density of root", 0.97, 2e-6, marks=pytest.mark.slow),
         ("thickness of root", 1.03, 2e-6),
         # Springs at the clamp in the place of what is rigid: it first frees what is pressed
         # sideways, which no polynomial follows as closely.
@@ -55,6 +55,7 @@ def test_between_decks_lies_the_deck_of_a_value(arch, tmp_path, name, value, rel
 
 
 @needs_ccx
+@pytest.mark.slow
 def test_a_simulator_is_made_exact_at_values_that_are_off_together(arch, tmp_path):
     """There it is the deck with both, and beside it nearer than the sum of what each does."""
     structure = rs.Structure.from_calculix(arch, store=tmp_path / "s.npz", progress=False)

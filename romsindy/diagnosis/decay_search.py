@@ -343,7 +343,11 @@ class DecaySearch(Search):
 
     def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
         """Where nothing closes the gap: as few effects as explain nearly as much."""
-        best = min(seen, key=lambda h: h.solution.chi_squared * WORTH ** len(h.effects))
+
+        def left(h: Hypothesis) -> float:
+            return (h.solution.chi_squared + h.misfit_elsewhere) * float(WORTH ** len(h.effects))
+
+        best = min(seen, key=left)
         return self.ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
