@@ -131,7 +131,8 @@ def test_a_hit_is_read_from_the_sensors():
     assert found.state[1] == pytest.approx(rate, rel=0.01)
 
 
-@pytest.mark.parametrize("q", [pytest.param(-0.003, marks=pytest.mark.slow), 0.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("q", [-0.003, 0.0])
 def test_a_hit_that_rings_a_higher_mode_as_loud_as_the_first_is_read(q):
     """In two steps, as before, the second mode is off by an eighth of the first.
 

@@ -124,6 +124,7 @@ def test_a_release_at_the_tip_is_no_effect(seed):
     assert max(e.after for e in report.sensor_errors) < 1.15
 
 
+@pytest.mark.slow
 def test_values_that_the_first_mode_leaves_open_are_told_by_the_second():
     """The second frequency is that of the true beam; it was 0.7 % off, with 16 times the noise."""
     truth = BEAM.with_effect(StifferBending(0.015)).with_effect(StifferSpring(-0.02))

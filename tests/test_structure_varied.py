@@ -34,7 +34,7 @@ def _middle(structure):
         ("thickness of root", 1.03, 2e-6),
         # Springs at the clamp in the place of what is rigid: it first frees what is pressed
         # sideways, which no polynomial follows as closely.
-        ("clamp of held", None, 2e-4),
+        pytest.param("clamp of held", None, 2e-4, marks=pytest.mark.slow),
     ],
 )
 def test_between_decks_lies_the_deck_of_a_value(arch, tmp_path, name, value, rel):
