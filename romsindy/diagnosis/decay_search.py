@@ -342,10 +342,15 @@ class DecaySearch(Search):
         return sorted(hums, key=lambda s: s.chi_squared + price * s.strengths.size)
 
     def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
-        """Where nothing closes the gap: as few effects as explain nearly as much."""
+        """Where nothing closes the gap: as few effects as explain nearly as much.
+
+        Values that other modes refute are no fewer than an effect in their place.
+        """
 
         def left(h: Hypothesis) -> float:
-            return (h.solution.chi_squared + h.misfit_elsewhere) * float(WORTH ** len(h.effects))
+            refuted = bool(h.names) and h.misfit_elsewhere > EQUIVALENT
+            n = max(len(h.effects), refuted)
+            return (h.solution.chi_squared + h.misfit_elsewhere) * float(WORTH**n)
 
         best = min(seen, key=left)
         return self.ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
