@@ -22,6 +22,7 @@ from romsindy.diagnosis.on_simulator.seen import (
     Beginning,
     ForceScale,
     OnSimulator,
+    ValueEffect,
     turning_points,
 )
 from romsindy.diagnosis.on_simulator.simulator_rounds import (
@@ -29,14 +30,18 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import (
     chi_squared,
     left_of,
 )
-from romsindy.diagnosis.on_simulator.workflow import _shape
+from romsindy.diagnosis.on_simulator.workflow import _reduced, _shape, _value_effect
 from romsindy.diagnosis.rounds import Outcome
-from romsindy.diagnosis.search import with_textbook_exponent
+from romsindy.diagnosis.search import Options, screen, with_textbook_exponent
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, MoreMass, Stop, Viscous
 from romsindy.effects.base import Scales
+from romsindy.effects.outside import Hum
 from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Combination
 from romsindy.simulator import Program, Simulator, SimulatorError
 from romsindy.simulator.force import LANGUAGES, LawForce
 from romsindy.simulator.simulator import times
@@ -46,9 +51,9 @@ FRICTION = 0.01  # N
 T = np.arange(2400) / 200
 
 
-def motion(release, t, force, stiffness=STIFFNESS):
+def motion(release, t, force, stiffness=STIFFNESS, cubic=CUBIC):
     def rates(s, y):
-        push = -DAMPING * y[1] - stiffness * y[0] - CUBIC * y[0] ** 3 + force(s, *y)
+        push = -DAMPING * y[1] - stiffness * y[0] - cubic * y[0] ** 3 + force(s, *y)
         return [y[1], push / MASS]
 
     span = (0.0, t[-1])
@@ -276,6 +281,70 @@ def test_all_sensors_hear_other_modes_and_allow_what_is_not_known(turns):
     # More of it may be: a part of 0.05, two deviations here, or any where a record was cut.
     tenth, half = (left(two_modes(SIZE, decay.t, other=x)) - right for x in (0.22, 0.3))
     assert tenth < 4 and (half < 20 if turns else half > 40)
+
+
+def test_where_no_explanation_comes_near_no_place_is_looked_for():
+    """All sensors are asked of what leaves next to nothing of the coordinate: of nothing here."""
+    best = SimpleNamespace(names=("cubic_stiffness",))
+    found = SimpleNamespace(report=SimpleNamespace(best=best, verdict="unknown"), trouble="")
+    seen = SimpleNamespace(shape=np.ones(2), points={"here": np.zeros(3)})
+    rounds = SimpleNamespace(structure=seen, near=lambda *given: [])
+    rounds._brought_nearer = lambda outcome: outcome
+    assert SimulatorRounds._once_heard(rounds, found) is found
+
+
+def rung(release, t, k=1.0):
+    """A mode that stiffens and another one beside it, in one channel; ``k`` is of all springs."""
+    second = 0.1 * release * np.exp(-1.2 * t) * np.cos(np.sqrt(k) * 50.0 * t)
+    return motion(release, t, nothing, k * STIFFNESS, k * CUBIC / 4) + second
+
+
+def test_what_a_value_does_is_learnt_from_all_releases():
+    """All springs together: stiffness and its cube change alike. From one release they do not."""
+    simulator, t = Simulator.of(rung), T[:400]
+    decays = [rs.Decay(t, rung(release, t), unit="m") for release in (0.03, 0.01)]
+    options = Options((), 0.01, 1, 1e-4, 1, lambda _: None)
+    on, known = _reduced(simulator, decays, {"k": 1.0}, options)
+    model = known.model
+
+    def changes(seen):
+        weights = _value_effect(seen, model, "k", 0.03).direction.weights
+        there = dict(zip((term.key for term in model.terms), weights, strict=True))
+        return [there[key] / model.coefficients[key] for key in ("omega^2", "gamma_3")]
+
+    assert changes(on) == pytest.approx([1.0, 1.0], abs=0.03)
+    assert changes(replace(on, released=on.released[:1]))[1] > 1.5
+
+
+def test_a_tone_that_the_simulator_rings_is_no_harmonic_of_hum():
+    """Its half and its third were starts of hum with harmonics, where itself was none."""
+    t, tone = np.arange(4000) / 200, 71.0
+    x = SIZE * np.exp(-SLOW * t) * np.cos(RATE * t) + 0.02 * SIZE * np.cos(tone * t)
+    x += 0.002 * SIZE * np.random.default_rng(1).standard_normal(len(t))
+    records = [Record.of(rs.Decay(t, x), 1e-6)]
+
+    def combs(*beside):
+        found = screen(LINEAR, (), [Hum(beside=beside)], records, scales(records)).candidates
+        return [e.frequency for e, _ in found if e.harmonics > 1]
+
+    assert any(tone / f == pytest.approx(round(tone / f), abs=1e-3) for f in combs())
+    assert combs(tone) == []
+
+
+def test_values_that_do_the_same_stay_where_they_were_simulated():
+    """Two that only their difference tells: a prior around zero would take both back."""
+    t, omega2 = np.arange(2000) / 200, LINEAR.coefficients["omega^2"]
+    both = [
+        ValueEffect(name, 1.0, Combination(name, (Stiffness(1),), (x * omega2,)), 0.03)
+        for name, x in (("modulus", 1.0), ("density", -1.0))
+    ]
+    parts = [Part.of(effect, Scales(SIZE, RATE, 10.0), 1) for effect in both]
+    x = SIZE * np.exp(-SLOW * t) * np.cos(np.sqrt(1.05 * omega2 - SLOW**2) * t)
+    seen = [Record.of(rs.Decay(t, x), 1e-6)]
+    there = [replace(p, near=x) for p, x in zip(parts, (0.3, 0.25), strict=True)]
+    stay, taken_back = (fit(LINEAR, given, seen, iterations=30).parts for given in (there, parts))
+    assert [p.values[0] for p in stay] == pytest.approx([0.3, 0.25], abs=2e-3)
+    assert [p.values[0] for p in taken_back] == pytest.approx([0.025, -0.025], abs=2e-3)
 
 
 def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
