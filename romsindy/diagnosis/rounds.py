@@ -92,22 +92,29 @@ class Rounds:
 
     def begin(self) -> list[Corrected]:
         """Simulate the structure as it is."""
-        found = self.simulate(())
-        for _ in range(_STARTS):
-            if not any(map(self._depends_on_start, found, self.records)):
-                break
-            found = self.simulate(())  # from starts that are read without the defect
+        found = self.from_measured(())
         sensed = [self.structure.coordinate(c.readings) for c in found]
         self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
         return found
 
-    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
+    def from_measured(self, parts: tuple[Part, ...]) -> list[Corrected]:
+        """Simulate with some parts, from starts that nothing simulated before has a say in."""
+        self.smooth = list(self.records)
+        found = self.simulate(parts)
+        for _ in range(_STARTS):
+            rows = zip(found, self.records, strict=True)
+            if not any([self._depends_on_start(parts, *row) for row in rows]):
+                break
+            found = self.simulate(parts)  # from starts that are read without the defect
+        return found
+
+    def _depends_on_start(self, parts: tuple[Part, ...], found: Corrected, record: Record) -> bool:
         """Whether what was taken off would be another from a start that is read without it.
 
         Both the structure and its equation start there: the defect follows the start in proportion.
         """
         smooth = Record.of(found.decay, self.options.floor)
-        q, q_dot = np.subtract(self.structure.start(self.model, (), smooth), found.start)
+        q, q_dot = np.subtract(self.structure.start(self.model, parts, smooth), found.start)
         moved = np.hypot(q, q_dot / smooth.rate) / smooth.amplitude
         defect = np.std(record.signal - found.decay.signal)
         return bool(moved * defect > _ELSEWHERE * record.noise.std)

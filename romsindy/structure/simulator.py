@@ -414,7 +414,9 @@ def _beside_linear(
         pushed = alpha * here.mass * speed  # what was added is not damped
         if push is not None:
             pushed += push(t, float(here.moved + here.point[psi] @ r), speed)
-        solved = dposv(mass, free - alpha * (mass @ v) + pushed * along)[1]
+        _, solved, failed = dposv(mass, free - alpha * (mass @ v) + pushed * along)
+        if failed:
+            raise ValueError(f"the inertia at q = {y[0]:.4g} is not positive: hold more shapes")
         return np.asarray(solved + omega2 * y[:m] + rates * v)
 
     return beside

@@ -140,9 +140,9 @@ class BeamRounds(Rounds):
         names = [name_of(i) for i in range(self.n_training)] + [HELD_OUT] * self.held_out
         return tuple(name for i, name in enumerate(names) if i not in self.clear)
 
-    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
+    def _depends_on_start(self, parts: tuple[Part, ...], found: Corrected, record: Record) -> bool:
         """As of any structure, but where all sensors tell how the record starts."""
-        return found.release.state is None and super()._depends_on_start(found, record)
+        return found.release.state is None and super()._depends_on_start(parts, found, record)
 
     def near_the_records(
         self, effects: Sequence[Effect], found: list[Corrected]

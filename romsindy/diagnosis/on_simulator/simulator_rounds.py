@@ -198,13 +198,13 @@ class SimulatorRounds(Rounds):
         for _ in range(_LISTENED):
             if self.options.over:
                 return found._replace(report=replace(found.report, interrupted=True))
-            before = self.structure
+            before, kept = self.structure, (self.place, self.own, self.variances)
             try:
                 again = self._once_heard(found)
             except self.structure.failures:  # what was found stands
                 again = None
-            if again is None or again.trouble:
-                self.structure = before
+            if again is None or again.trouble or self._farther(again, found):
+                self.structure, (self.place, self.own, self.variances) = before, kept
                 self.return_to(found.corrected)
                 return self._brought_nearer(found)
             settled = again.parts is found.parts and self.structure is before
@@ -212,6 +212,11 @@ class SimulatorRounds(Rounds):
             if settled:
                 break
         return found
+
+    def _farther(self, again: Outcome, found: Outcome) -> bool:
+        """Whether what stays the same leaves more of the sensors than before."""
+        same = again.report.best.names == found.report.best.names
+        return same and self.own_error(again.corrected) > self.own_error(found.corrected)
 
     def _once_heard(self, found: Outcome) -> Outcome:
         """What is found once all sensors had their say, and near to the records."""
@@ -223,7 +228,7 @@ class SimulatorRounds(Rounds):
         best = self.likeliest(asked, self._heard(asked, found))
         if best.names != report.best.names or self.structure is not before:
             parts = self.structure.with_effects(best.parts)
-            return self._brought_nearer(self.run((), self.simulate(parts), parts))
+            return self._brought_nearer(self.run((), self.from_measured(parts), parts))
         look = self._look((), found.corrected, len(report.best.effects))
         if look.best.names == best.names:
             return self._brought_nearer(found._replace(report=look))
