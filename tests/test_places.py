@@ -13,6 +13,10 @@ PLATE = {
 }
 
 
+def _of_each(misfit):
+    return lambda points, share: [misfit(point, share) for point in points]
+
+
 def _looked_for(at, width, first="0:3", floor=1000.0):
     """The place in a well of a ``width`` that narrows with what is heard, and how often was asked.
 
@@ -25,7 +29,9 @@ def _looked_for(at, width, first="0:3", floor=1000.0):
         off = np.linalg.norm(PLATE[point] - at) / (width / share)
         return floor + 1e5 * share * off**2 / (1 + off**2)
 
-    search = PlaceSearch(PLATE, first, misfit, lambda rise, least, _: rise * floor / least)
+    search = PlaceSearch(
+        PLATE, first, _of_each(misfit), lambda rise, least, _: rise * floor / least
+    )
     least, place = search.likeliest()
     return least, place, len(asked)
 
@@ -55,7 +61,7 @@ def test_what_is_far_from_the_records_everywhere_is_asked_no_further():
         asked.append((point, share))
         return 2e5 * share * (1 + np.sum(PLATE[point]))
 
-    search = PlaceSearch(PLATE, "0:3", misfit, lambda rise, least, _: rise)
+    search = PlaceSearch(PLATE, "0:3", _of_each(misfit), lambda rise, least, _: rise)
     assert search.first == 5e4 and len(asked) == 17
     assert search.likeliest(1000.0) == (1e5, None)
     assert len(asked) < 2 * 17 + 8 and len(set(asked)) == len(asked)
@@ -69,7 +75,7 @@ def test_points_without_a_motion_are_no_place():
     def misfit(point, share):
         return 1.0 + 1e4 * np.sum((PLATE[point] - at) ** 2) if PLATE[point][0] > 0.5 else np.inf
 
-    least, place = PlaceSearch(PLATE, "560:3", misfit, lambda rise, *_: rise).likeliest()
+    least, place = PlaceSearch(PLATE, "560:3", _of_each(misfit), lambda rise, *_: rise).likeliest()
     assert place.at == pytest.approx(at, abs=0.04) and least < 20 and place.low[0] > 1.1
 
 

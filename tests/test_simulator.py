@@ -167,8 +167,7 @@ def test_a_motion_goes_back_to_where_it_turned(phase):
     q_dot = -36.0 / rate * np.exp(-damping * t) * np.sin(rate * t)
     since = (phase % np.pi) / rate  # it turns every half cycle
     expected = np.exp(-damping * (t - since)) * (-1) ** int(phase // np.pi)
-    equation = ExtendedEquation(model, (), 0, 0.01, 0.0)
-    (found,) = turning_points(equation, (float(q), float(q_dot)), rate)
+    (found,) = turning_points(model, (float(q), float(q_dot)), rate)
     assert found == pytest.approx((expected, since), rel=1e-7)
 
 
@@ -202,7 +201,7 @@ def test_a_point_moves_with_the_coordinate_by_what_a_force_sees_there():
     known = {"released": [(0.1, 0.1)], "scale": ForceScale(2.0, 1.0)}
     seen = OnSimulator(simulator, np.ones(1), np.ones(1), {}, **known)
     assert seen.at_point == "here" and list(seen.points) == ["here", "there"]
-    there = seen.at("there")
+    (there,) = seen.at(["there"])
     assert there.at_point == "there" and there.scale == pytest.approx((2.0, 0.25), rel=1e-6)
     part = Part(MoreMass(), (), np.array([[0.1]]))
     assert not simulator.takes_mass and seen.mass([part]) == 0

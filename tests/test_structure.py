@@ -11,8 +11,8 @@ from solid_decks import decks
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.structure.arrays import load_structure
 from romsindy.structure.deck import Deck, DeckError
+from romsindy.structure.structure import load_structure
 
 # Two modes: V = omega^2 q^2 / 2 + fast^2 y^2 / 2 + bend q^2 y, held by a force of the first.
 OMEGA, FAST, BEND = 10.0, 45.0, 300.0

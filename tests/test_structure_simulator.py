@@ -1,5 +1,7 @@
 """A structure as a simulator, against closed forms; and its TOML file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -10,6 +12,10 @@ from solid_decks import decks, needs_ccx
 
 import romsindy as rs
 from romsindy.commands.main import main
+from romsindy.physics.damping import PowerDamping
+from romsindy.physics.stiffness import Stiffness
+from romsindy.simulator.force import LawForce
+from romsindy.simulator.simulator import Question
 from romsindy.structure.deck_file import DeckFile
 from romsindy.structure.simulator import Damping, Units
 
@@ -90,6 +96,27 @@ def test_modes_that_ring_are_stiffened_and_driven_by_the_first(held_by, stiffer)
     )
     expected = done.y[:3].T @ phi[:, :2]
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
+def test_motions_side_by_side_are_those_of_each_alone():
+    """With forces, masses and values of their own, over other times; one leaves what is known."""
+    simulator = _structure(200.0, 0.4, stiffer=900.0).simulator(SENSORS, damping=Damping(alpha=0.3))
+    spring = LawForce(((Stiffness(1), 4.0), (PowerDamping(1), 0.3)), 1.0, 0.5)
+    asked = [
+        Question(0.1, T),
+        Question(0.05, T[:700], spring, {"mass": 0.05, "modulus": 1.1}, "3:1"),
+        Question(0.08, T[:900], replace(spring, per_q=0.8), {"density": 0.9}, "2:1"),
+        Question(0.08, T, lambda t, x, v: 40 * v, {}, "1:1"),
+        Question(5.0, T),
+        Question(0.1, T[::2], lambda t, x, v: -0.1 * v, {"alpha": 0.1}),
+    ]
+    found = simulator.together(asked)
+    for i in (0, 1, 2, 5):
+        release, t, force, values, point = asked[i]
+        alone = simulator.simulate(release, t, force, point, **values)
+        assert np.abs(found[i] - alone).max() < 1e-10 * np.abs(alone).max()
+    for i, message in ((3, "the motion leaves the range"), (4, "the release 5 is beyond")):
+        assert isinstance(found[i], ValueError) and message in str(found[i])
 
 
 def test_what_other_modes_move_counts_in_modes_that_ring():
@@ -236,7 +263,7 @@ def test_nonlinear_motion_is_that_of_the_reduced_equation():
     # What follows shifts the middle of the sensor, not the period.
     periods = np.diff(up - x[up] / np.diff(x)[up]) * 0.002
     shape = structure.shapes[0][structure.freedom(1, 1)]
-    q = simulator._held(0.1, 0, None, 1.0)[0, 0]
+    q = simulator._held(0.1, simulator._at_first, None, 1.0)[0, 0]
     assert abs(shape * q - 0.1) > 1e-4  # it does follow
     expected = 2 * np.pi / found.frequencies(np.array([abs(q)]))[0]
     assert periods.mean() == pytest.approx(expected, rel=1e-5)

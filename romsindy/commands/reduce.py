@@ -18,11 +18,10 @@ from romsindy.commands.outputs import (
     write_json,
     writing,
 )
-from romsindy.structure.arrays import KINDS, load_structure
 from romsindy.structure.cases import MARK
 from romsindy.structure.deck import Deck
 from romsindy.structure.deck_file import sensor_of, unit_names
-from romsindy.structure.structure import Structure
+from romsindy.structure.structure import KINDS, Structure, load_structure
 from romsindy.text import as_text
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from romsindy.physics.export import exact, sympy_module, traced
 from romsindy.physics.term import Term, law_called
 from romsindy.physics.validation import finite, several, table, text
 from romsindy.text import listed
+from romsindy.typing import Array
+
+# Of t (s), displacement and velocity of the point at which it acts.
+Force = Callable[[float, float, float], float]
 
 LANGUAGES = {"py": "Python", "m": "MATLAB", "c": "C", "mo": "Modelica"}
 _MATTERS = 2e-3  # of the largest of the laws, in text
@@ -104,6 +111,39 @@ class LawForce:
 
 
 NO_FORCE = LawForce((), 1.0)
+
+
+def acting(forces: Sequence[Force | None]) -> Callable[[float, Array, Array], Array] | None:
+    """Forces at points of their own, as one function of time, displacements and velocities (k,).
+
+    Those of the same laws are asked at once. None where none acts.
+    """
+    alike: dict[tuple[Term, ...], list[int]] = defaultdict(list)
+    alone: list[tuple[int, Force]] = []
+    for i, force in enumerate(forces):
+        if isinstance(force, LawForce):
+            alike[tuple(law for law, _ in force.laws)].append(i)
+        elif force is not None:
+            alone.append((i, force))
+    several = []
+    for laws, numbers in alike.items():
+        own = [f for i in numbers if isinstance(f := forces[i], LawForce)]
+        strengths = np.array([[c for _, c in f.laws] for f in own]).T
+        several.append((laws, numbers, *np.array([(f.per_q, f.mass) for f in own]).T, strengths))
+
+    def at(t: float, x: Array, v: Array) -> Array:
+        found = np.zeros(len(forces))
+        for laws, numbers, per_q, mass, strengths in several:
+            q, q_dot = x[numbers] / per_q, v[numbers] / per_q
+            total = np.zeros(len(q))
+            for law, c in zip(laws, strengths, strict=True):
+                total += c * law.strong(q, q_dot, 0.0)
+            found[numbers] = -mass / per_q * total
+        for i, force in alone:
+            found[i] = force(t, float(x[i]), float(v[i]))
+        return found
+
+    return at if several or alone else None
 
 
 def _modelica(expression: Any) -> str:

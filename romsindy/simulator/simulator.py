@@ -9,18 +9,19 @@ what else it simulates, is its own affair.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from romsindy.simulator.force import Force
 from romsindy.typing import Array
 
-# Of t (s), displacement and velocity of the point at which the simulator adds it.
-Force = Callable[[float, float, float], float]
+T = TypeVar("T")
 
 _FINE = 60  # samples per cycle that are asked for, at least: what lies between is a spline
 _SPLINE = 5
@@ -31,6 +32,16 @@ _ASKED_TWICE = 200  # samples of the question that is asked twice
 
 class SimulatorError(ValueError):
     """A simulator that gave no motion: what was asked, what came, and what to do."""
+
+
+class Question(NamedTuple):
+    """What a simulator is asked."""
+
+    release: float
+    t: Array  # (n,), s, of equal steps from 0
+    force: Force | None = None
+    values: Mapping[str, float] = MappingProxyType({})  # that are not its own
+    point: str | None = None  # where the force and the mass are, of its `points`
 
 
 @dataclass(frozen=True)
@@ -157,55 +168,72 @@ class Simulator:
         return any(p.kind is p.VAR_KEYWORD for p in known)
 
     def decay(
-        self,
-        release: float,
-        t: Array,
-        n_sensors: int,
-        force: Force | None = None,
-        values: Mapping[str, float] | None = None,
-        point: str | None = None,
+        self, release: float, t: Array, n_sensors: int, values: Mapping[str, float] | None = None
     ) -> SimulatedDecay:
         """What the simulator gives for a release, at times t (n,).
-
-        ``point`` is where the force and the mass are, of its `points`.
 
         Raises a SimulatorError where it gives nothing, other than displacements of ``n_sensors``
         sensors, or another release.
         """
-        values = dict(values or {})
-        for known in self.computed if force is None else ():
-            asked = known.release, known.values, known.forced, known.point
-            same = asked == (release, values, False, point)
-            # A longer answer to the same question holds the shorter one.
-            if same and len(known.t) >= len(t) and np.array_equal(known.t[: len(t)], t):
-                return replace(known, t=t, displacements=known.displacements[: len(t)])
-        x = self._asked(release, t, n_sensors, force, values, point)
-        answer = SimulatedDecay(release, values, force is not None, t, x, point)
-        self.computed.append(answer)
-        return answer
+        (answer,) = self.decays([Question(release, t, None, values or {})], n_sensors)
+        return whole(answer)
 
-    def _asked(
-        self,
-        release: float,
-        t: Array,
-        n_sensors: int,
-        force: Force | None,
-        values: Mapping[str, float],
-        point: str | None = None,
-    ) -> Array:
-        """Displacements (n, n_sensors), checked."""
-        asked = self._question(release, t, values)
-        beside = {"force": force, "point": point}
-        known = {**values, **{name: x for name, x in beside.items() if x is not None}}
-        try:
-            given = self.simulate(release, t.copy(), **known)
-        except SimulatorError:
-            raise
-        except Exception as error:  # whatever a user's own code raises is told with what was asked
+    def decays(
+        self, asked: Sequence[Question], n_sensors: int
+    ) -> list[SimulatedDecay | SimulatorError]:
+        """What it gives for each question, or why nothing; side by side where it can."""
+        found: dict[int, SimulatedDecay | SimulatorError] = {
+            i: known for i, q in enumerate(asked) if (known := self._known(q)) is not None
+        }
+        new = [i for i in range(len(asked)) if i not in found]
+        for i, x in zip(new, self._motions([asked[i] for i in new]), strict=True):
+            q = asked[i]
+            try:
+                moved = self._checked(q, x, n_sensors)
+            except SimulatorError as error:
+                found[i] = error
+                continue
+            forced = q.force is not None
+            answer = SimulatedDecay(q.release, dict(q.values), forced, q.t, moved, q.point)
+            self.computed.append(answer)
+            found[i] = answer
+        return [found[i] for i in range(len(asked))]
+
+    def _known(self, q: Question) -> SimulatedDecay | None:
+        """An answer that was given: a longer one holds a shorter one."""
+        if q.force is not None:
+            return None
+        for known in self.computed:
+            asked = known.release, known.values, known.forced, known.point
+            same = asked == (q.release, q.values, False, q.point)
+            if same and len(known.t) >= len(q.t) and np.array_equal(known.t[: len(q.t)], q.t):
+                return replace(known, t=q.t, displacements=known.displacements[: len(q.t)])
+        return None
+
+    def _motions(self, asked: Sequence[Question]) -> Iterator[Any]:
+        """What the simulator returns for each question, or the error that it raises."""
+        together = self._own("together", None)
+        if together is not None:
+            yield from together(asked)
+            return
+        for q in asked:
+            beside = {"force": q.force, "point": q.point}
+            known = {**q.values, **{name: x for name, x in beside.items() if x is not None}}
+            try:
+                yield self.simulate(q.release, q.t.copy(), **known)
+            except Exception as error:  # whatever a user's own code raises is told
+                yield error
+
+    def _checked(self, q: Question, given: Any, n_sensors: int) -> Array:
+        """Displacements (n, n_sensors) that were given for a question."""
+        asked = self._question(q.release, q.t, q.values)
+        if isinstance(given, SimulatorError):
+            raise given
+        if isinstance(given, Exception):
             raise SimulatorError(
-                f"{asked} it raised {type(error).__name__}: {error}. Call it so yourself to see"
+                f"{asked} it raised {type(given).__name__}: {given}. Call it so yourself to see"
                 " where; what was computed before is kept"
-            ) from error
+            ) from given
         try:
             x = np.asarray(given, float)
         except (TypeError, ValueError) as error:
@@ -214,19 +242,19 @@ class Simulator:
                 " return displacements (n, n_sensors)"
             ) from error
         x = x[:, None] if x.ndim == 1 else x
-        if x.shape != (len(t), n_sensors):
+        if x.shape != (len(q.t), n_sensors):
             raise SimulatorError(
                 f"{asked} it gave an array of shape {np.shape(given)}: return one row for each of"
-                f" the {len(t)} times, and one column for each of the {n_sensors} channels of the"
+                f" the {len(q.t)} times, and one column for each of the {n_sensors} channels of the"
                 " records"
             )
         if not np.all(np.isfinite(x)):
-            first = float(t[int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])])
+            first = float(q.t[int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])])
             raise SimulatorError(
                 f"{asked} it gave NaN or infinity from {first:.4g} s on: take smaller steps in"
                 " it, or a tighter tolerance of its solver"
             )
-        self._check_release(asked, release, x)
+        self._check_release(asked, q.release, x)
         return x
 
     def _check_release(self, asked: str, release: float, x: Array) -> None:
@@ -266,7 +294,8 @@ class Simulator:
         """
         part = t[:_ASKED_TWICE]
         first = self.decay(release, t, n_sensors, values=values).displacements[: len(part)]
-        again = self._asked(release, part, n_sensors, None, values)
+        question = Question(release, part, None, values)
+        (again,) = (self._checked(question, x, n_sensors) for x in self._motions([question]))
         apart = float(np.abs(first - again).max())
         if apart > _SAME * float(np.abs(first).max()):
             raise SimulatorError(
@@ -274,6 +303,13 @@ class Simulator:
                 " apart: a simulator must give the same each time; take noise and random numbers"
                 " out of it, or fix their seed"
             )
+
+
+def whole(answer: T | Exception) -> T:
+    """What was simulated; raises the error that came in its place."""
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
 
 
 def times(duration: float, step: float, frequency: float) -> Array:

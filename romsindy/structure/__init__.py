@@ -1,6 +1,5 @@
 """Structures of finite elements: from a deck, or from arrays, to a reduced equation."""
 
-from romsindy.structure.arrays import load_structure
 from romsindy.structure.deck_file import DeckFile
 from romsindy.structure.simulator import Damping, Units
-from romsindy.structure.structure import Structure
+from romsindy.structure.structure import Structure, load_structure

@@ -16,8 +16,7 @@ of which W is the part of the modes that ring, and psi has their columns.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -26,12 +25,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from romsindy.structure.held import HeldCurve
+from romsindy.structure.in_time import RungTables
 from romsindy.structure.linear import Compliance
 from romsindy.typing import Array
 
 _ORDER = 8  # of changes along the curve, at most
-_BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 _FINE = 40  # Chebyshev terms of functions of q that are asked one by one: twice the order
+# Of coefficients of a sum of Chebyshev polynomials, those of its derivative
+_DERIVED = np.vstack([chebyshev.chebder(np.eye(_FINE)), np.zeros(_FINE)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,88 +99,67 @@ class RungModes:
             [[np.eye(1 + k), beside], [beside.T, changes @ (curve.mode.mass @ changes.T)]]
         )
 
-    def at_point(self, row: int, mass: float) -> Callable[[float], RungValues]:
-        """What the motion asks of one q after the other, with a mass at a freedom.
-
-        They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
-        The function raises a ValueError for a q beyond the range.
-        """
-        low, high = self.curve.range
-        centre, half, k = (low + high) / 2, (high - low) / 2, len(self.omega2)
-        q = self.curve.evenly(_FINE)
-        nodes = (q - centre) / half
+    @cached_property
+    def _sampled(self) -> AlongCurve:
+        curve, k = self.curve, len(self.omega2)
+        low, high = curve.range
+        q = curve.evenly(_FINE)
+        half = (high - low) / 2
+        fit = np.linalg.inv(chebyshev.chebvander((2 * q - low - high) / (high - low), _FINE - 1))
 
         def derived(values: Array) -> Array:
-            slopes = chebyshev.chebder(chebyshev.chebfit(nodes, values, _FINE - 1)) / half
-            return np.asarray(chebyshev.chebval(nodes, slopes).T)
+            return np.asarray(np.linalg.solve(fit, _DERIVED @ fit @ values) / half)
 
-        along = self.curve.powers_at(q, slope=True)
-        bends = [_powers(self.curve, q, len(self.bent), slope) for slope in (False, True)]
-        one, n = np.eye(1 + k), along.shape[1]
+        along = curve.powers_at(q, slope=True)
+        bends = [_powers(curve, q, len(self.bent), slope) for slope in (False, True)]
+        n = along.shape[1]
         first = 1 + k + n
         parts = np.zeros((_FINE, 2 + 3 * k, len(self.products)))  # x', x'', psi, psi', psi''
         parts[:, 0, 0], parts[:, 0, 1 + k : first] = 1.0, along
         parts[:, 1, 1 + k : first] = derived(along)
-        parts[:, 2 : 2 + k, : 1 + k] = one[1:]
+        parts[:, 2 : 2 + k, : 1 + k] = np.eye(1 + k)[1:]
         for i, powers in enumerate((*bends, derived(bends[1]))):
             for j in range(k):
                 parts[:, 2 + i * k + j, first + j :: k] = powers
-        at_row = np.concatenate(
-            [[self.curve.mode.shape[row]], self.shapes[:, row], self.curve.follows[:, row]]
-        )
-        point = parts @ np.append(at_row, self.bent[:, :, row].ravel())
         inertia = parts @ self.products @ np.swapaxes(parts, 1, 2)
-        inertia += mass * point[:, :, None] * point[:, None, :]
-        columns = [
-            self.curve.force_at(q),
-            self.curve.shapes_at(q)[:, row],
-            point,
-            along @ self.products[1 + k : first, 1 : 1 + k],
-            inertia,
-            self.stiffness_at(q),
-            self.stiffness_at(q, slope=True),
-        ]
-        table = np.hstack([x.reshape(_FINE, -1) for x in columns])
-        ends = np.cumsum([x[0].size for x in columns])
-        table, orders = chebyshev.chebfit(nodes, table, _FINE - 1).T, np.arange(_FINE)
+        follows = along @ self.products[1 + k : first, 1 : 1 + k]
+        stiffness = [self.stiffness_at(q, slope=slope) for slope in (False, True)]
+        columns: list[Array] = [curve.force_at(q), follows, inertia, *stiffness]
+        return AlongCurve(
+            q, fit, parts, *(np.tensordot(fit, x.reshape(_FINE, -1), 1) for x in columns)
+        )
 
-        def at(q: float) -> RungValues:
-            x = (q - centre) / half
-            if not abs(x) < _BEYOND:
-                raise ValueError(
-                    f"the motion leaves the range that was held, q = {low:.4g} to {high:.4g}: hold"
-                    " it over a larger one"
-                )
-            if abs(x) <= 1:
-                terms = np.cos(orders * math.acos(x))
-            else:
-                terms = np.sign(x) ** orders * np.cosh(orders * np.arccosh(abs(x)))
-            v = table @ terms
-            return RungValues(
-                mass,
-                v[0],
-                v[1],
-                v[2 : ends[2]],
-                v[ends[2] : ends[3]],
-                v[ends[3] : ends[4]].reshape(2 + 3 * k, 2 + 3 * k),
-                v[ends[4] : ends[5]].reshape(k, k),
-                v[ends[5] :].reshape(k, k),
-            )
+    def at_point(self, row: int, mass: float) -> RungTables:
+        """What the motion asks of one q after the other, with a mass at a freedom.
 
-        return at
+        They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
+        """
+        known, (low, high) = self._sampled, self.curve.range
+        phi, follows = self.curve.mode.shape[row], self.curve.follows[:, row]
+        shapes = np.array([phi, *self.shapes[:, row], *follows, *self.bent[:, :, row].ravel()])
+        point = known.parts @ shapes
+        inertia = known.inertia
+        if mass:
+            added = mass * point[:, :, None] * point[:, None, :]
+            inertia = inertia + known.fit @ added.reshape(_FINE, -1)
+        moved = known.q * phi + self.curve.powers_at(known.q) @ follows
+        at_row = known.fit @ np.column_stack([moved, point])
+        columns = known.force, at_row, known.follows, inertia, known.stiffness, known.stiffness_q
+        span = (np.array([x]) for x in ((low + high) / 2, (high - low) / 2, mass))
+        return RungTables._make([*span, np.hstack(columns).T[None], len(self.omega2)])
 
 
-class RungValues(NamedTuple):
-    """Functions of q; vectors are x', x'', psi, psi', psi'', which are 2 + 3 k."""
+class AlongCurve(NamedTuple):
+    """What `RungTables` hold whatever the point is: coefficients, (terms, columns) each."""
 
-    mass: float  # at the point
-    force: float  # K
-    moved: float  # x of the point
-    point: Array  # the vectors at the point, (2 + 3 k,)
-    follows: Array  # s' of the modes that ring, where these follow at rest, (k,)
-    inertia: Array  # products of the vectors, with the mass at the point, (2 + 3 k, 2 + 3 k)
-    stiffness: Array  # W, (k, k)
-    stiffness_q: Array  # W'
+    q: Array  # Chebyshev points of the range
+    fit: Array  # coefficients from values there
+    parts: Array  # of the vectors of `RungValues`, in the shapes of which they are sums
+    force: Array
+    follows: Array
+    inertia: Array
+    stiffness: Array
+    stiffness_q: Array
 
 
 def _powers(curve: HeldCurve, q: Array, order: int, slope: bool = False) -> Array:

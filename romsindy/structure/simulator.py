@@ -16,23 +16,21 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 from scipy.optimize import brentq
 from scipy.sparse import csc_array
 
+from romsindy.simulator.force import Force
+from romsindy.simulator.simulator import Question
 from romsindy.structure.held import HeldCurve
+from romsindy.structure.in_time import RungTables, Swing, side_by_side
 from romsindy.structure.linear import HeldCases, LinearMode, LinearModel
-from romsindy.structure.ringing import RungModes, RungValues
+from romsindy.structure.ringing import RungModes
 from romsindy.typing import Array
 
-_TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
 _MOVES = 0.05  # of the largest displacement of the mode: what moves less can hide nothing
 _SETTLES = 4  # times that a force at rest and the shape that it bends are found in turn
 _KEPT = 8  # structures between decks: each has shapes of all freedoms
 HELD_BY = ("force", "mode")
-
-
-Force = Callable[[float, float, float], float]
 
 
 class Damping(NamedTuple):
@@ -290,18 +288,51 @@ class StructureSimulator:
         ValueError
             For a release, or a motion, beyond the range that was held.
         """
-        if parts := {name: values.pop(name) for name in self.parts if name in values}:
-            given = {"mass": mass, "modulus": modulus, "density": density, **values}
-            return self._with(parts).simulate(release, t, force, point, **given)
-        row = self.point if point is None else self._row(point)
-        start = self._held(release / self.units.length, row, force, modulus)
-        damping = self.damping._replace(**values)
-        omega2 = modulus / density * np.append(self.curve.omega2, self.ringing.omega2)
-        rates = np.asarray(damping.rates(np.sqrt(omega2)))
-        at_point = self.ringing.at_point(row, mass / self.units.mass / density)
-        push = None if force is None else self._push(force, density)
-        beside = _beside_linear(at_point, push, modulus / density, omega2, rates, damping.alpha)
-        y = _in_time(t, start, omega2, rates, beside)
+        given = {"mass": mass, "modulus": modulus, "density": density, **values}
+        (found,) = self.together([Question(release, t, force, given, point)])
+        if isinstance(found, ValueError):
+            raise found
+        return found
+
+    def together(self, questions: Sequence[Question]) -> list[Array | ValueError]:
+        """What `simulate` gives for each question, or raises: as many as can be at a time."""
+        found: list[Array | ValueError] = []
+        asked: list[tuple[int, StructureSimulator, Swing]] = []
+        for i, question in enumerate(questions):
+            parts = {k: x for k, x in question.values.items() if k in self.parts}
+            own = {k: x for k, x in question.values.items() if k not in parts}
+            there = self._with(parts) if parts else self
+            try:
+                asked.append((i, there, there._swing(question, **own)))
+                found.append(ValueError())
+            except ValueError as error:
+                found.append(error)
+        states = side_by_side([swing for *_, swing in asked])
+        for (i, there, _), y in zip(asked, states, strict=True):
+            found[i] = y if isinstance(y, ValueError) else there._read(y)
+        return found
+
+    def _swing(
+        self,
+        question: Question,
+        mass: float = 0.0,
+        modulus: float = 1.0,
+        density: float = 1.0,
+        **damping: float,
+    ) -> Swing:
+        """The motion that is asked, of the structure with its parts as they are."""
+        row = self.point if question.point is None else self._row(question.point)
+        stiffer, units = modulus / density, self.units
+        tables = self.ringing.at_point(row, mass / units.mass / density)
+        start = self._held(question.release / units.length, tables, question.force, modulus)
+        omega2 = stiffer * np.append(self.curve.omega2, self.ringing.omega2)
+        found = self.damping._replace(**damping)
+        rates = np.asarray(found.rates(np.sqrt(omega2)))
+        given = (question.t, start, omega2, rates, found.alpha, stiffer, tables, question.force)
+        return Swing(*given, units.length, units.force * density)
+
+    def _read(self, y: Array) -> Array:
+        """Displacements of the sensors, m, from states (n, 2, m)."""
         q = y[:, 0, 0]
         psi = self.ringing.shapes_at(q, list(self.sensors))
         bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], psi)
@@ -333,38 +364,38 @@ class StructureSimulator:
         node, _, direction = point.rpartition(":")
         return self.structure.freedom(node, int(direction))
 
-    def _held(self, release: float, point: int, force: Force | None, stiffer: float) -> Array:
+    @cached_property
+    def _at_first(self) -> RungTables:
+        """At the first sensor."""
+        return self.ringing.at_point(self.sensors[0], 0.0)
+
+    def _held(self, release: float, point: RungTables, force: Force | None, over: float) -> Array:
         """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much.
 
-        What was added at the point bends the structure as well, as far as it does so at rest.
+        What was added at the point bends the structure as well, as far as it does so at rest; it is
+        ``over`` times as stiff as its tables say.
         """
-        row, units, ringing = self.sensors[0], self.units, self.ringing
-        both = [row, point]
+        both, k = RungTables.together([self._at_first, point]), point.k
 
-        def rung(q: float) -> Array:
-            at = np.array([q])
-            moved = self.curve.shapes_at(at)[0, both]
-            slopes = self.curve.mode.shape[both] + self.curve.following_at(at, slope=True)[0, both]
-            psi, turned = (ringing.shapes_at(at, both, slope=x)[0] for x in (False, True))
-            stiffness, softer = (ringing.stiffness_at(at, slope=x)[0] for x in (False, True))
-            pushed, bent = np.linalg.solve(stiffness, psi).T  # by a unit of force
-            r, push = np.zeros(len(pushed)), 0.0
+        def rung(q: float) -> tuple[float, Array]:
+            """The displacement of the first sensor, and the coordinates of other modes."""
+            here = both.at(np.array([q, q]))
+            slopes, psi, turned = here.point[:, 0], here.point[:, 2 : 2 + k], here.point[:, 2 + k :]
+            pushed, bent = np.linalg.solve(here.stiffness[0], psi.T).T  # by a unit of force
+            r, push = np.zeros(k), 0.0
             for _ in range(_SETTLES):
                 if force is not None:
-                    x = float(moved[1] + psi[:, 1] @ r)
-                    push = force(0.0, units.length * x, 0.0) / units.force / stiffer
-                size, along = 0.0, slopes + r @ turned
+                    x = float(here.moved[1] + psi[1] @ r)
+                    push = force(0.0, self.units.length * x, 0.0) / self.units.force / over
+                size, along = 0.0, slopes + turned[:, :k] @ r
                 if self.held_by == "force":
-                    needed = self.curve.force_at(at)[0] + r @ softer @ r / 2 - along[1] * push
+                    needed = here.force[0] + r @ here.stiffness_q[0] @ r / 2 - along[1] * push
                     size = float(needed / along[0])
                 r = size * pushed + push * bent
-            return np.asarray(r)
+            return float(here.moved[0] + psi[0] @ r), r
 
         def off(q: float) -> float:
-            at = np.array([q])
-            there = self.curve.shapes_at(at)[0, row]
-            psi = ringing.shapes_at(at, [row])[0, :, 0]
-            return float(there + psi @ rung(q) - release)
+            return rung(q)[0] - release
 
         low, high = self.curve.range
         if off(low) * off(high) > 0:
@@ -374,93 +405,5 @@ class StructureSimulator:
                 f" {ends[1]:.4g} at the first sensor: hold it over a larger one"
             )
         q = brentq(off, low, high, xtol=1e-14 * (high - low))
-        start = np.append(q, rung(q))
+        start = np.append(q, rung(q)[1])
         return np.stack([start, np.zeros(len(start))])
-
-    def _push(self, force: Force, density: float) -> Force:
-        """A force in units of the model over its density, of what is in these."""
-        length, unit = self.units.length, self.units.force * density
-        return lambda t, x, v: force(t, length * x, length * v) / unit
-
-
-def _beside_linear(
-    at_point: Callable[[float], RungValues],
-    push: Force | None,
-    stiffer: float,
-    omega2: Array,
-    rates: Array,
-    alpha: float,
-) -> Callable[[float, Array], Array]:
-    """Accelerations (m,) beside those of the linear modes, at a time and a state (2 m,)."""
-    m, own = len(omega2), rates - alpha
-    psi, turned, curved = slice(2, 1 + m), slice(1 + m, 2 * m), slice(2 * m, None)
-    tangent, bends = np.zeros((2, 3 * m - 1))  # of q, and what does not follow accelerations
-    tangent[0], mass, free, along = 1.0, np.empty((m, m)), np.empty(m), np.empty(m)
-
-    def beside(t: float, y: Array) -> Array:
-        here, r, v = at_point(float(y[0])), y[1:m], y[m:]
-        q_dot, modal = v[0], here.follows * v[0] + v[1:]
-        tangent[turned] = r
-        bends[1], bends[turned], bends[curved] = q_dot**2, 2 * q_dot * v[1:], q_dot**2 * r
-        momentum = here.inertia @ tangent
-        mass[0, 0], mass[0, 1:], mass[1:, 0] = momentum @ tangent, momentum[psi], momentum[psi]
-        mass[1:, 1:] = here.inertia[psi, psi]
-        free[0] = -momentum @ bends - stiffer * (here.force + r @ here.stiffness_q @ r / 2)
-        free[1:] = -here.inertia[psi] @ bends - stiffer * (here.stiffness @ r)
-        free[0] -= own[0] * q_dot + here.follows @ (own[1:] * modal)
-        free[1:] -= own[1:] * modal
-        along[0], along[1:] = here.point @ tangent, here.point[psi]
-        speed = float(along @ v)
-        pushed = alpha * here.mass * speed  # what was added is not damped
-        if push is not None:
-            pushed += push(t, float(here.moved + here.point[psi] @ r), speed)
-        _, solved, failed = dposv(mass, free - alpha * (mass @ v) + pushed * along)
-        if failed:
-            raise ValueError(f"the inertia at q = {y[0]:.4g} is not positive: hold more shapes")
-        return np.asarray(solved + omega2 * y[:m] + rates * v)
-
-    return beside
-
-
-def _in_time(
-    t: Array,
-    start: Array,
-    omega2: Array,
-    damping: Array,
-    beside: Callable[[float, Array], Array],
-) -> Array:
-    """States (n, 2, m) at even times: linear modes exactly, what is beside them by Runge and Kutta.
-
-    J. D. Lawson, "Generalized Runge-Kutta processes for stable systems with large Lipschitz
-    constants", SIAM J. Numer. Anal. 4 (1967), doi 10.1137/0704033, of the fourth order.
-    """
-    parts = max(int(np.ceil((t[1] - t[0]) * np.sqrt(omega2.max()) / _TURN)), 1)
-    h, m = (t[1] - t[0]) / parts, len(omega2)
-    half = _propagator(omega2, damping, h / 2)
-
-    def pushed(y: Array, by: Array) -> Array:
-        later = y.copy()
-        later[m:] += by
-        return later
-
-    out, y = np.empty((len(t), 2 * m)), start.ravel()
-    for i, time in enumerate(t.tolist()):
-        out[i] = y
-        for j in range(parts if i + 1 < len(t) else 0):
-            s, middle = time + j * h, half @ y
-            a = beside(s, y)
-            b = beside(s + h / 2, half @ pushed(y, h / 2 * a))
-            c = beside(s + h / 2, pushed(middle, h / 2 * b))
-            d = beside(s + h, half @ pushed(middle, h * c))
-            later = half @ pushed(y, h / 6 * a)
-            y = pushed(half @ pushed(later, h / 3 * (b + c)), h / 6 * d)
-    return out.reshape(-1, 2, m)
-
-
-def _propagator(omega2: Array, damping: Array, h: float) -> Array:
-    """(2 m, 2 m): displacements and rates of linear modes after a time, from those before."""
-    turned = np.sqrt(omega2 - damping**2 / 4 + 0j)
-    c, s = np.cos(turned * h), np.sin(turned * h) / turned
-    slow = np.exp(-damping / 2 * h)
-    rows = [[c + damping / 2 * s, s], [-omega2 * s, c - damping / 2 * s]]
-    return np.block([[np.diag(np.real(slow * x)) for x in row] for row in rows])

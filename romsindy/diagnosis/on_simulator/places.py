@@ -8,7 +8,7 @@ has not lost step yet; then those about the likeliest, on more of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -67,21 +67,24 @@ class PlaceSearch:
     """Looks for the place of something among points, from afar to near.
 
     Where there are no ``points`` it is at the ``own`` one, which is tried before all others, and
-    kept unless another one is better beyond doubt. ``misfit`` is of a point on a part of the
-    readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
+    kept unless another one is better beyond doubt. ``misfits`` are those of points on a part of
+    the readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
     """
 
     points: Mapping[str, Array]
     own: str
-    misfit: Callable[[str, float], float]
+    misfits: Callable[[Sequence[str], float], Sequence[float]]
     tells: Callable[[float, float, float], float]
     known: dict[tuple[str, float], float] = field(default_factory=dict)
 
-    def left(self, point: str, share: float = 1.0) -> float:
-        """The misfit of a point, asked once."""
-        if (point, share) not in self.known:
-            self.known[point, share] = self.misfit(point, share)
-        return self.known[point, share]
+    def left(self, points: Iterable[str], share: float = 1.0) -> dict[str, float]:
+        """The misfits of points; each is asked once."""
+        names = [*points]
+        new = [name for name in names if (name, share) not in self.known]
+        if new:
+            rows = zip(new, self.misfits(new, share), strict=True)
+            self.known.update({(name, share): misfit for name, misfit in rows})
+        return {name: self.known[name, share] for name in names}
 
     @cached_property
     def places(self) -> Array:
@@ -92,9 +95,8 @@ class PlaceSearch:
     def first(self) -> float:
         """The least misfit on the first cycles of points that are far from each other."""
         share, more = _LEVELS[0]
-        if not self.points:
-            return self.left(self.own, share)
-        return min(self.left(name, share) for name in self._apart({self.own}, np.inf, more)[0])
+        far = self._apart({self.own}, np.inf, more)[0] if self.points else [self.own]
+        return min(self.left(far, share).values())
 
     def _apart(self, likely: Collection[str], reach: float, more: int) -> tuple[list[str], float]:
         """Likely points, the own one and so many ``more`` within reach, far from each other.
@@ -123,12 +125,12 @@ class PlaceSearch:
         all: its place is not told.
         """
         if not self.points:
-            return self.left(self.own), None
+            return self.left([self.own])[self.own], None
         names, places = [*self.points], self.places
         likely, reach = {self.own}, np.inf
         for level, (share, more) in enumerate(_LEVELS):
             chosen, reach = self._apart(likely, reach, more)
-            left = {name: self.left(name, share) for name in chosen}
+            left = self.left(chosen, share)
             least = min(left.values())
             if level and least > most and not self._alike(least, most, share):
                 return least, None
@@ -137,7 +139,7 @@ class PlaceSearch:
         while True:
             apart = np.linalg.norm(places - self.points[best], axis=1)
             nearest = [names[i] for i in np.argsort(apart)[1 : 1 + _AROUND]]
-            left |= {n: self.left(n) for n in nearest}
+            left |= self.left(nearest)
             if left[best] <= min(left.values()):
                 break
             best = min(left, key=lambda n: left[n])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -26,8 +26,15 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination, Term
 from romsindy.record.decay import Decay
-from romsindy.simulator.force import LawForce
-from romsindy.simulator.simulator import Force, SimulatedDecay, Simulator, SimulatorError, times
+from romsindy.simulator.force import Force, LawForce
+from romsindy.simulator.simulator import (
+    Question,
+    SimulatedDecay,
+    Simulator,
+    SimulatorError,
+    times,
+    whole,
+)
 from romsindy.typing import Array
 
 _NEAR = 0.3  # of the largest velocity: a record that begins below it may begin with its release
@@ -49,6 +56,9 @@ _TIGHT = 1e-9
 _FIRST_SENSOR = 2e-3  # a point that moves as it does within this is that of the sensor
 _INSIDE = 0.5  # of the largest motion: there the strengths of laws are compared
 _PART, _SPLINE = 10, 60  # of a simulated decay tells how far a point moves, and samples at least
+
+
+Failure = SimulatorError | TrajectoryError
 
 
 class ForceScale(NamedTuple):
@@ -144,6 +154,8 @@ class OnSimulator:
     reach: tuple[float, float] = (0.0, 0.0)  # largest displacement and velocity of the coordinate
     # Releases, and where the coordinate began
     released: list[tuple[float, float]] = field(default_factory=list)
+    # What a force does at other points, which were asked
+    scales: dict[str, ForceScale] = field(default_factory=dict)
     # How motions of an equation came to a state: the same wherever on the simulator its parts act
     pasts: dict[tuple[Any, ...], Past] = field(default_factory=dict)
 
@@ -232,19 +244,24 @@ class OnSimulator:
         """The name of the point at which it acts; the first is the simulator's own."""
         return self.point or next(iter(self.points), "")
 
-    def at(self, point: str) -> OnSimulator:
-        """The same with what acts at another point of the simulator.
+    def at(self, points: Sequence[str]) -> list[OnSimulator]:
+        """The same with what acts at each of some other points of the simulator.
 
-        How far that moves with the coordinate a force of nothing sees there.
+        How far these move with the coordinate a force of nothing sees there.
         """
         assert self.scale is not None  # it takes a force
         release, q = max(self.released, key=lambda pair: abs(pair[0]))
-        whole = next(a for a in self.simulator.computed if a.release == release)
-        t = whole.t[: max(len(whole.t) // _PART, _SPLINE)]
-        probe = ProbeSpring(0.0)
-        moved = replace(self, point=point).simulated(q, t, probe)
-        scale = self.scale._replace(per_q=self.per_q(moved, probe.seen))
-        return replace(self, point=point, scale=scale)
+        t = next(a.t for a in self.simulator.computed if a.release == release)
+        t = t[: max(len(t) // _PART, _SPLINE)]
+        new = [point for point in dict.fromkeys(points) if point not in self.scales]
+        probes = [ProbeSpring(0.0) for _ in new]
+        rows = zip(new, probes, strict=True)
+        asked = [replace(self, point=point).question(q, t, probe) for point, probe in rows]
+        answers = self.simulator.decays(asked, len(self.shape))
+        for point, probe, answer in zip(new, probes, answers, strict=True):
+            per_q = self.per_q(whole(answer), probe.seen)
+            self.scales[point] = self.scale._replace(per_q=per_q)
+        return [replace(self, point=point, scale=self.scales[point]) for point in points]
 
     def per_q(self, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:
         """How far the point of a force moves where the coordinate moves by 1.
@@ -272,16 +289,21 @@ class OnSimulator:
                 values[part.effect.value_name] += float(part.strengths[0, 0])
         return values
 
-    def simulated(
+    def question(
         self,
         q: float,
         t: Array,
         force: Force | None = None,
         values: Mapping[str, float] | None = None,
-    ) -> SimulatedDecay:
-        """Let the simulator go with the coordinate at ``q``."""
-        known, n = self.values if values is None else values, len(self.shape)
-        return self.simulator.decay(self.release_at(q), t, n, force, known, self.point)
+    ) -> Question:
+        """To let the simulator go with the coordinate at ``q``."""
+        known = self.values if values is None else values
+        return Question(self.release_at(q), t, force, known, self.point)
+
+    def simulated(self, q: float, t: Array, force: Force | None = None) -> SimulatedDecay:
+        """What it gives to that."""
+        (answer,) = self.simulator.decays([self.question(q, t, force)], len(self.shape))
+        return whole(answer)
 
     def release_at(self, q: float) -> float:
         """The release after which the coordinate begins at ``q``.
@@ -322,37 +344,54 @@ class OnSimulator:
         Other modes in its first cycles say how long ago it was released; where they say nothing, it
         was at the turning point before, or where it begins if its velocity is next to none.
         """
-        known = None if release is None else release.state
-        begins = known or start
-        most = _EARLIEST if release is None else max(release.turns, 1)
+        if release is not None:
+            (found,) = moved_together([AskedMotion(self, equation, parts, record, start, release)])
+            return whole(found)
+        past = self._past(equation, start, parts, record, _EARLIEST)
+        turns = max(int(past.speed > _STILL), past.first)
+        run = self._run(past, turns, parts, record, float(record.t[-1]))
+        at = int(np.searchsorted(decay.t, record.decay.t[0]))
+        measured = decay.signal.reshape(len(decay.t), -1)[at:]
+        turns = self._turns(past, run, parts, record, measured)
+        if turns != run.turns:
+            run = self._run(past, turns, parts, record, float(record.t[-1]))
+        return run.moved(record, past, None)
+
+    def _past(
+        self,
+        equation: ExtendedEquation,
+        begins: tuple[float, float],
+        parts: Sequence[Part],
+        record: Record,
+        most: int,
+    ) -> Past:
         values = tuple((*key_of(p), p.values.tobytes()) for p in parts)
         asked = (values, begins, record.rate, most)
         if asked not in self.pasts:
-            self.pasts[asked] = Past.of(equation, begins, record.rate, most)
-        past = self.pasts[asked]
-        turns = int(past.speed > _STILL) if release is None else release.turns
-        run = self._run(past, max(turns, past.first), parts, record, float(record.t[-1]))
-        if release is None:
-            at = int(np.searchsorted(decay.t, record.decay.t[0]))
-            measured = decay.signal.reshape(len(decay.t), -1)[at:]
-            turns = self._turns(past, run, parts, record, measured)
-            if turns != run.turns:
-                run = self._run(past, turns, parts, record, float(record.t[-1]))
-        readings = [run.read(record.t, order) for order in range(3)]
-        return Moved(readings, past.start(run.turns), Beginning(run.turns, known))
+            model = cast(ReducedModel, extended(equation.model, equation.parts))
+            smooth = replace(model, terms=tuple(self._smooth(law) for law in model.terms))
+            self.pasts[asked] = Past.of(smooth, begins, record.rate, most)
+        return self.pasts[asked]
 
     def _run(
         self, past: Past, turns: int, parts: Sequence[Part], record: Record, end: float
     ) -> Run:
         """The motion from a release on, up to a time of the record (s)."""
+        question = self._since(past, turns, parts, record, end)
+        (answer,) = self.simulator.decays([question], len(self.shape))
+        return Run(turns, *past.releases[turns], whole(answer))
+
+    def _since(
+        self, past: Past, turns: int, parts: Sequence[Part], record: Record, end: float
+    ) -> Question:
+        """To let the simulator go so many turns before a record."""
         if turns >= len(past.releases):
             raise TrajectoryError(f"the motion did not turn {turns} times before the record began")
         q, before = past.releases[turns]
         t = times(before + end, record.decay.dt, record.rate)
         mass = self.mass(parts)
         values = self.values_with(parts) | ({"mass": mass} if mass else {})
-        answer = self.simulated(q, t, self.force(parts), values)
-        return Run(turns, q, before, answer)
+        return self.question(q, t, self.force(parts), values)
 
     def _turns(
         self, past: Past, usual: Run, parts: Sequence[Part], record: Record, measured: Array
@@ -419,6 +458,47 @@ class Run(NamedTuple):
         """Displacements or their derivatives at times of the record, (m, n_sensors)."""
         return self.answer.at(self.before + t, order)
 
+    def moved(self, record: Record, past: Past, state: tuple[float, float] | None) -> Moved:
+        """What the sensors read over the record; ``state`` is that of its beginning, if known."""
+        readings = [self.read(record.t, order) for order in range(3)]
+        return Moved(readings, past.start(self.turns), Beginning(self.turns, state))
+
+
+class AskedMotion(NamedTuple):
+    """A motion over a record that is asked: see `OnSimulator.moved`."""
+
+    there: OnSimulator
+    equation: ExtendedEquation
+    parts: Sequence[Part]
+    record: Record
+    start: tuple[float, float]
+    release: Beginning
+
+
+def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
+    """What the sensors of one simulator read in each motion, or why there is none."""
+    found: dict[int, Moved | Failure] = {}
+    runs: list[tuple[int, Past, int, Question]] = []
+    for i, (there, equation, parts, record, start, release) in enumerate(asked):
+        try:
+            begins, most = release.state or start, max(release.turns, 1)
+            past = there._past(equation, begins, parts, record, most)
+            turns = max(release.turns, past.first)
+            question = there._since(past, turns, parts, record, float(record.t[-1]))
+            runs.append((i, past, turns, question))
+        except TrajectoryError as error:
+            found[i] = error
+    if runs:
+        there = asked[0].there
+        answers = there.simulator.decays([question for *_, question in runs], len(there.shape))
+        for (i, past, turns, _), answer in zip(runs, answers, strict=True):
+            if isinstance(answer, SimulatorError):
+                found[i] = answer
+            else:
+                run = Run(turns, *past.releases[turns], answer)
+                found[i] = run.moved(asked[i].record, past, asked[i].release.state)
+    return [found[i] for i in range(len(asked))]
+
 
 class Past(NamedTuple):
     """How a motion came to a state: releases from which it may have come.
@@ -432,17 +512,15 @@ class Past(NamedTuple):
     releases: Sequence[tuple[float, float]]
 
     @classmethod
-    def of(
-        cls, equation: ExtendedEquation, state: tuple[float, float], rate: float, most: int
-    ) -> Past:
-        """Of a state of the equation, at ``most`` so many turns ago.
+    def of(cls, model: ReducedModel, state: tuple[float, float], rate: float, most: int) -> Past:
+        """Of a state of a model, at ``most`` so many turns ago.
 
         Raises a TrajectoryError if it never turned.
         """
         q, q_dot = state
         speed = abs(q_dot) / max(rate * abs(q), 1e-300)
         here = float(np.copysign(np.hypot(q, q_dot / rate), q)), 0.0
-        return cls(state, speed, [here, *turning_points(equation, state, rate, most)])
+        return cls(state, speed, [here, *turning_points(model, state, rate, most)])
 
     @property
     def first(self) -> int:
@@ -465,7 +543,7 @@ class Past(NamedTuple):
 
 
 def turning_points(
-    equation: ExtendedEquation, start: tuple[float, float], rate: float, most: int = 1
+    model: ReducedModel, start: tuple[float, float], rate: float, most: int = 1
 ) -> list[tuple[float, float]]:
     """Where a motion turned before it came to a state, the latest first: coordinate, time since.
 
@@ -475,11 +553,12 @@ def turning_points(
     """
     q, q_dot = start
     size = float(np.hypot(q, q_dot / rate))
+    mass_and_force = model.mass_and_force()
 
     def backwards(t: float, state: Array) -> list[float]:
-        at, now = np.array([-t]), state[:, None, None]
-        here = equation.linearise(at, now[0], now[1], np.zeros((1, 1)))
-        return [-state[1], float(here.residual[0, 0] / here.by_q_ddot[0, 0, 0])]
+        q, q_dot = state.tolist()
+        mass, force = mass_and_force(q, q_dot)
+        return [-q_dot, force / mass]
 
     def turns(t: float, state: Array) -> float:
         return float(state[1])

@@ -21,7 +21,14 @@ from romsindy.diagnosis.all_sensors import (
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, PlaceSearch
-from romsindy.diagnosis.on_simulator.seen import Beginning, OnSimulator, ValueEffect
+from romsindy.diagnosis.on_simulator.seen import (
+    AskedMotion,
+    Beginning,
+    Failure,
+    OnSimulator,
+    ValueEffect,
+    moved_together,
+)
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.search import strongest_tones
@@ -35,6 +42,7 @@ from romsindy.fit.kernel.part import Part, moved_parts
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.spectrum import noise_std
+from romsindy.simulator.simulator import whole
 from romsindy.typing import Array
 
 _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
@@ -324,8 +332,8 @@ class SimulatorRounds(Rounds):
         self.place = places[best]
         if self.place is not None:
             if self.place.point != here.at_point:
-                self.structure = here.at(self.place.point)
-            ends = [self.structure.at(end) for end in self.place.ends]
+                (self.structure,) = here.at([self.place.point])
+            ends = self.structure.at(self.place.ends)
             low, high = (e.strength(there[best], self.structure) for e in ends)
             self.place = replace(self.place, strengths=(low, high))
         return {names: tells(x - least, least, noise) for names, x in left.items()}
@@ -334,15 +342,23 @@ class SimulatorRounds(Rounds):
         """Chi-square that some parts leave of all sensors, wherever they may act."""
         here = self.structure
 
-        def misfit(point: str, share: float) -> float:
-            there, part = here if point == here.at_point else here.at(point), heard(share)
-            try:
-                motions = [self._motion(i, parts, r, there) for i, r in enumerate(part)]
-            except here.failures:
-                if there is here:
-                    raise
-                return np.inf  # where it moves least, a law would be too strong for any motion
-            return self._left(part, motions)
+        def misfits(names: Sequence[str], share: float) -> list[float]:
+            elsewhere = [name for name in names if name != here.at_point]
+            there = dict(zip(elsewhere, here.at(elsewhere) if elsewhere else (), strict=True))
+            part = heard(share)
+            asked = [(i, parts, r, there.get(n, here)) for n in names for i, r in enumerate(part)]
+            found = iter(self._motions(asked))
+            return [misfit(name, part, [next(found) for _ in part]) for name in names]
+
+        def misfit(
+            name: str, part: Sequence[Readings], motions: Sequence[Array | Failure]
+        ) -> float:
+            known = [m for m in motions if not isinstance(m, Failure)]
+            if len(known) == len(motions):
+                return self._left(part, known)
+            if name == here.at_point:
+                whole(next(m for m in motions if isinstance(m, Failure)))
+            return np.inf  # where it moves least, a law would be too strong for any motion
 
         def heard(share: float) -> list[Readings]:
             return [r.part(share) for r in read]
@@ -351,7 +367,7 @@ class SimulatorRounds(Rounds):
             return tells(rise, least, noise_of(least, heard(share)))
 
         points = here.points if here.acts(parts) else {}
-        return PlaceSearch(points, here.at_point, misfit, told)
+        return PlaceSearch(points, here.at_point, misfits, told)
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
         """Chi-square of what motions leave of all sensors."""
@@ -372,25 +388,30 @@ class SimulatorRounds(Rounds):
 
     def _without(self, i: int, read: Readings) -> Array:
         """What the sensors read of the simulator as it is, along the first mode as measured."""
-        motion, smooth = self._motion(i, (), read, self.structure), self.smooth[i]
+        (moved,) = self._motions([(i, (), read, self.structure)])
+        motion, smooth = whole(moved), self.smooth[i]
         measured = smooth.spline(smooth.t[: len(motion)])[0]
         return followed(motion, self.structure.coordinate(motion), measured, read.t)
 
-    def _motion(
-        self,
-        i: int,
-        parts: tuple[Part, ...],
-        read: Readings,
-        structure: OnSimulator,
-    ) -> Array:
-        """What the sensors read of the simulator with some parts, as long as they are heard."""
-        own = self.records[i]
-        record = own.until(float(read.t[-1]) + own.decay.dt)
-        equation = equation_of(self.model, parts, i, record)
-        start = structure.start(self.model, parts, self.smooth[i])
-        given = (equation, parts, record, self.raw[i], start, self.releases[i])
-        readings = structure.moved(*given).readings[record.derivative]
-        return np.asarray(readings[: len(read.t)])
+    def _motions(
+        self, asked: Sequence[tuple[int, tuple[Part, ...], Readings, OnSimulator]]
+    ) -> list[Array | Failure]:
+        """What the sensors read of the simulator with some parts in a record, while it is heard.
+
+        Or why there is no such motion.
+        """
+        questions = []
+        for i, parts, read, there in asked:
+            own = self.records[i]
+            record = own.until(float(read.t[-1]) + own.decay.dt)
+            equation = equation_of(self.model, parts, i, record)
+            start = there.start(self.model, parts, self.smooth[i])
+            questions.append(AskedMotion(there, equation, parts, record, start, self.releases[i]))
+        rows = zip(moved_together(questions), asked, questions, strict=True)
+        return [
+            m if isinstance(m, Failure) else m.readings[q.record.derivative][: len(read.t)]
+            for m, (_, _, read, _), q in rows
+        ]
 
     def own_error(self, found: Sequence[Corrected]) -> float:
         """Rms of measured minus simulated over the noise, at the worst sensor of all records."""
@@ -419,7 +440,7 @@ class SimulatorRounds(Rounds):
         end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
         while True:
             for _ in range(_STEPS):
-                now = [self._now(i, parts, r, end) for i, r in enumerate(releases)]
+                now = self._now([(i, parts, r) for i, r in enumerate(releases)], end)
                 parts, releases = self._step(parts, now, end)
             if end >= longest:
                 break
@@ -427,13 +448,17 @@ class SimulatorRounds(Rounds):
         self.releases = releases
         return parts
 
-    def _now(self, i: int, parts: Sequence[Part], release: Beginning, end: float) -> Now:
-        """A motion with some parts, from where a record begins."""
-        record, raw = self.records[i].until(end), self.raw[i]
-        equation = equation_of(self.model, parts, i, record)
-        assert release.state is not None
-        moved = self.structure.moved(equation, parts, record, raw, release.state, release)
-        return Now(moved.readings[record.derivative], moved.start, moved.release)
+    def _now(self, asked: Sequence[tuple[int, Sequence[Part], Beginning]], end: float) -> list[Now]:
+        """Motions of records with some parts, from where these begin, up to a time."""
+        questions = []
+        for i, parts, release in asked:
+            record = self.records[i].until(end)
+            equation = equation_of(self.model, parts, i, record)
+            assert release.state is not None
+            given = (equation, parts, record, release.state, release)
+            questions.append(AskedMotion(self.structure, *given))
+        rows = zip(map(whole, moved_together(questions)), questions, strict=True)
+        return [Now(m.readings[q.record.derivative], m.start, m.release) for m, q in rows]
 
     def _step(
         self, parts: tuple[Part, ...], now: Sequence[Now], end: float = np.inf
@@ -444,7 +469,7 @@ class SimulatorRounds(Rounds):
         """
         values = np.concatenate([p.values for p in parts])
         steps = np.concatenate([self._small(p, end) for p in parts])
-        rows = [self._linear(i, n, parts, steps, end) for i, n in enumerate(now)]
+        rows = self._linear(now, parts, steps, end)
         change = np.zeros(len(steps))
         learnt = rows[: self.n_training]
         known = np.concatenate(
@@ -483,29 +508,35 @@ class SimulatorRounds(Rounds):
         return np.full(1, _TURN / turned * part.effect.scale)
 
     def _linear(
-        self, i: int, now: Now, parts: tuple[Part, ...], steps: Array, end: float
-    ) -> LinearReadings:
-        """What readings of a record follow, by simulations with small changes."""
-        record, raw = self.records[i], self.raw[i]
-        own = raw.between(record.decay.t[0], record.decay.t[-1])
-        measured = own.signal.reshape(len(own.t), -1)
-        noise = np.array([noise_std(y) for y in measured.T])
-        begins = now.release.larger(now.start, 1.0)
-
-        def change(there: tuple[Part, ...], release: Beginning, step: float) -> Array:
-            moved = self._now(i, there, release, end)
-            return ((moved.readings - now.readings) / step / noise).ravel()
-
+        self, now: Sequence[Now], parts: tuple[Part, ...], steps: Array, end: float
+    ) -> list[LinearReadings]:
+        """What readings of each record follow, by simulations with small changes."""
         # To both sides: values that nearly do the same are told apart by what is left of both.
-        by_value = [
-            sum(change(moved_parts(parts, x * one), begins, x) for x in (step, -step)) / 2
-            for step, one in zip(steps, np.eye(len(steps)), strict=True)
-        ]
-        larger = now.release.larger(now.start, 1 + _LARGER)
-        later = np.gradient(now.readings, record.decay.dt, axis=0) / noise
-        by_start = [change(parts, larger, _LARGER), later.ravel()]
-        left = ((measured[: len(now.readings)] - now.readings) / noise).ravel()
-        return LinearReadings(left, np.stack(by_value, axis=1), np.stack(by_start, axis=1))
+        changes = [x * one for x, one in zip(steps, np.eye(len(steps)), strict=True)]
+        tried = [moved_parts(parts, sign * x) for x in changes for sign in (1, -1)]
+        asked: list[tuple[int, Sequence[Part], Beginning]] = []
+        for i, n in enumerate(now):
+            asked += [(i, p, n.release.larger(n.start, 1.0)) for p in tried]
+            asked.append((i, parts, n.release.larger(n.start, 1 + _LARGER)))
+        found = iter(self._now(asked, end))
+        rows = []
+        for i, n in enumerate(now):
+            record, raw = self.records[i], self.raw[i]
+            own = raw.between(record.decay.t[0], record.decay.t[-1])
+            measured = own.signal.reshape(len(own.t), -1)
+            noise = np.array([noise_std(y) for y in measured.T])
+            left = measured[: len(n.readings)] - n.readings
+            pairs = [(next(found), next(found)) for _ in steps]
+            by_value = [
+                (more.readings - less.readings) / (2 * step)
+                for (more, less), step in zip(pairs, steps, strict=True)
+            ]
+            larger = (next(found).readings - n.readings) / _LARGER
+            later = np.gradient(n.readings, record.decay.dt, axis=0)
+            columns = [left, *by_value, larger, later]
+            table = np.stack([(x / noise).ravel() for x in columns], axis=1)
+            rows.append(LinearReadings(table[:, 0], table[:, 1:-2], table[:, -2:]))
+        return rows
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
         """What was found, less what the equation needs for what is in the simulator.

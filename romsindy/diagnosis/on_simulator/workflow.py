@@ -31,7 +31,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times
+from romsindy.simulator.simulator import SimulatedDecay, Simulator, SimulatorError, times, whole
 from romsindy.typing import Array
 
 # As assumed, and a standard deviation: relative, but for what is zero.
@@ -289,9 +289,9 @@ def _force_scale(on: OnSimulator, model: ReducedModel) -> ForceScale:
     release, q = max(on.released, key=lambda pair: abs(pair[0]))
     omega2 = model.coefficients["omega^2"]
     cycles = _CYCLES * 2 * np.pi / omega2**0.5
-    whole = on.simulated(q, next(a.t for a in on.simulator.computed if a.release == release))
-    t = whole.t[: int(np.searchsorted(whole.t, cycles))]
-    base = _linear_change(on, model, whole.displacements[: len(t)], t)
+    free = on.simulated(q, next(a.t for a in on.simulator.computed if a.release == release))
+    t = free.t[: int(np.searchsorted(free.t, cycles))]
+    base = _linear_change(on, model, free.displacements[: len(t)], t)
     stiffness = _PROBE * omega2  # of a modal mass of 1
     for _ in range(_MOST_TRIED):
         spring = ProbeSpring(stiffness)
@@ -337,7 +337,8 @@ def _value_effect(
     # From all releases: one does not tell a linear coefficient from a nonlinear one.
     base = [next(a for a in on.simulator.computed if a.release == r) for r, _ in on.released]
     rows = zip(on.released, base, strict=True)
-    there = [on.simulated(q, a.t, values=changed) for (_, q), a in rows]
+    asked = [on.question(q, a.t, values=changed) for (_, q), a in rows]
+    there = [whole(a) for a in on.simulator.decays(asked, len(on.shape))]
     slopes = (_coefficients(on, model, there) - _coefficients(on, model, base)) / step
     direction = Combination(name, model.terms, tuple(slopes.tolist()))
     deviation = None if tolerance is None else tolerance * (abs(value) or 1.0)
