@@ -113,7 +113,7 @@ def measured(hidden: Hidden, seed: int, colour: float = 0.0) -> list[rs.Decay]:
     mass, c, s = chain.mass, _ALPHA * chain.alpha, hidden.strength
     if hidden.kind == "mass":
         mass[row - 1 : row + 1] += s
-    own = chain.density * _MASS * c  # damping is that of the chain's own mass
+    own = c * mass  # what is added is damped as all mass is
 
     def added(x: Array, v: Array) -> float:
         laws = {

@@ -88,7 +88,7 @@ def test_modes_that_ring_are_stiffened_and_driven_by_the_first(held_by, stiffer)
     mass = np.eye(3) + m * np.outer(point, point)
 
     def moved(_, y):
-        pull = held(y[:3]) + alpha * y[3:] + point * (k * point @ y[:3] + c * point @ y[3:])
+        pull = held(y[:3]) + alpha * mass @ y[3:] + point * (k * point @ y[:3] + c * point @ y[3:])
         return np.append(y[3:], -np.linalg.solve(mass, pull))
 
     done = solve_ivp(
@@ -158,7 +158,7 @@ def test_what_other_modes_move_counts_in_modes_that_ring():
     def motion(_, y):
         z, v, along = y[:2], y[2:], tangent(y)
         turned = np.array([0, 0, 2 * c * v[0] ** 2 + 2 * b * v[0] * v[1]])
-        pushed = pull(z) + along.T @ (mass @ turned + alpha * along @ v)
+        pushed = pull(z) + along.T @ mass @ (turned + alpha * along @ v)
         return np.append(v, -np.linalg.solve(along.T @ mass @ along, pushed))
 
     start = np.append(rest, np.zeros(2))

@@ -19,7 +19,6 @@ _BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 class RungValues(NamedTuple):
     """Functions of q; vectors are x', x'', psi, psi', psi'', which are 2 + 3 k."""
 
-    mass: Array  # (l,), at the point
     force: Array  # (l,), K
     moved: Array  # (l,), x of the point
     point: Array  # the vectors at the point, (l, 2 + 3 k)
@@ -34,14 +33,13 @@ class RungTables(NamedTuple):
 
     centre: Array  # (l,), of the range of q
     half: Array  # (l,), of its length
-    mass: Array  # (l,), at the point
     table: Array  # (l, values, terms)
     k: int  # modes that ring
 
     @classmethod
     def together(cls, several: Sequence[RungTables]) -> RungTables:
         """Those of several."""
-        joined = zip(*(s[:4] for s in several), strict=True)
+        joined = zip(*(s[:3] for s in several), strict=True)
         return cls._make([*map(np.concatenate, joined), several[0].k])
 
     def beyond(self, q: Array) -> Array:
@@ -67,7 +65,6 @@ class RungTables(NamedTuple):
         v = (self.table @ terms[..., None])[..., 0]
         first, second = 2 + n + k, 2 + n + k + n * n
         return RungValues(
-            self.mass,
             v[:, 0],
             v[:, 1],
             v[:, 2 : 2 + n],
@@ -215,13 +212,11 @@ class _BesideLinear:
         free[:, 0] -= self.own[:, 0] * v[:, 0] + _each(here.follows, self.own[:, 1:] * modal)
         free[:, 1:] = -turning[:, psi] - self.stiffer[:, None] * stiff - self.own[:, 1:] * modal
         along[:, 0], along[:, 1:] = _each(here.point, tangent[..., 0]), here.point[:, psi]
-        speed = _each(along, v)
-        pushed = self.alpha * here.mass * speed  # what was added is not damped
+        right = free - self.alpha[:, None] * (mass @ v[..., None])[..., 0]
         if self.push is not None:
             moved = self.length * (here.moved + _each(here.point[:, psi], r))
-            pushed += self.push(t, moved, self.length * speed) / self.unit
-        damped = self.alpha[:, None] * (mass @ v[..., None])[..., 0]
-        right = free - damped + pushed[:, None] * along
+            speed = self.length * _each(along, v)
+            right += (self.push(t, moved, speed) / self.unit)[:, None] * along
         solved = np.linalg.solve(mass, right[..., None])[..., 0]
         return np.asarray(solved + self.omega2 * y[:, :m] + self.rates * v)
 

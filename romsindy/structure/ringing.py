@@ -145,7 +145,7 @@ class RungModes:
         moved = known.q * phi + self.curve.powers_at(known.q) @ follows
         at_row = known.fit @ np.column_stack([moved, point])
         columns = known.force, at_row, known.follows, inertia, known.stiffness, known.stiffness_q
-        span = (np.array([x]) for x in ((low + high) / 2, (high - low) / 2, mass))
+        span = np.array([[(low + high) / 2], [(high - low) / 2]])
         return RungTables._make([*span, np.hstack(columns).T[None], len(self.omega2)])
 
 
