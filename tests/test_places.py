@@ -5,7 +5,7 @@ import pytest
 from solid_decks import structure_trials
 
 import romsindy as rs
-from romsindy.diagnosis.on_simulator.places import PlaceSearch
+from romsindy.diagnosis.on_simulator.candidates import PlaceSearch
 
 PLATE = {
     f"{i}:3": np.array([x, y, 0.0])

@@ -32,7 +32,15 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.kernel.part import Coefficient, Part, extended
 from romsindy.fit.records.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import AS_WELL, NEARLY_WHOLE, NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
+from romsindy.fit.verdict import (
+    AS_WELL,
+    EQUIVALENT,
+    NEARLY_WHOLE,
+    NOTHING_LEFT,
+    ROUNDED,
+    SHARED,
+    UNJUDGED,
+)
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -278,11 +286,12 @@ def _agree(search: DecaySearch, slack: Hypothesis, as_it_was: Gap) -> bool:
     """Whether there is nothing to look for in the simulation as it was.
 
     It is within what repeats or a reference leave open, is known to be within a tolerance that was
-    stated, or leaves noise alone with what a measurement may add; a stated one asks for more.
+    stated, or leaves noise alone with what a measurement may add; a stated one asks for more. Other
+    modes may ask for more as well.
     """
     tolerance = search.options.tolerance
-    if not slack.solution.finite:  # it has no motion near that of the records
-        return False
+    if not slack.solution.finite or slack.misfit_elsewhere > EQUIVALENT:
+        return False  # it has no motion near that of the records, or not those of other modes
     differences = as_it_was.differences_before
     if any(d.exceeds(tolerance) for d in differences):
         return False  # of what takes no part, if not of the others

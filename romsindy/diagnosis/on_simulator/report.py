@@ -8,7 +8,7 @@ from typing import Any
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.next_test import Advice, MoreOfIt
-from romsindy.diagnosis.on_simulator.places import PlaceOnStructure
+from romsindy.diagnosis.on_simulator.candidates import PlaceOnStructure
 from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.simulator.force import LawForce

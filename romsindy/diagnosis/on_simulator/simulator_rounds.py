@@ -20,7 +20,14 @@ from romsindy.diagnosis.all_sensors import (
     without,
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
-from romsindy.diagnosis.on_simulator.places import PlaceOnStructure, PlaceSearch
+from romsindy.diagnosis.on_simulator.candidates import (
+    Candidate,
+    LinearLook,
+    PlaceOnStructure,
+    PlaceSearch,
+    best_of_each,
+    little_of,
+)
 from romsindy.diagnosis.on_simulator.seen import (
     AskedMotion,
     Beginning,
@@ -38,7 +45,7 @@ from romsindy.effects.outside import TONES
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Part, moved_parts
+from romsindy.fit.kernel.part import Part, moved_parts, prior_cost
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.spectrum import noise_std
@@ -46,15 +53,18 @@ from romsindy.simulator.simulator import whole
 from romsindy.typing import Array
 
 _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
+_NO_LESS = 0.98  # of an error: what leaves as much is no nearer
 _ASTRAY = 2.0  # the same that a mode leaves which has lost step, at least
 _LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 _TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
 # Cycles of the first look at all sensors, steps of each, and how much longer the next is
-_FIRST, _STEPS, _LONGER = 3.0, 2, 2.0
+_FIRST, _STEPS, _LONGER = 1.0, 2, 2.0
 _LISTENED = 3  # times that all sensors are heard, each with the best so far in the simulator
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
+_SHARES = (1.0, 0.5, 0.2)  # of a step: the best is taken
+_FEW = 3  # of what may be missing: as many are fitted to all sensors
 _INSTEAD = 50.0  # of chi-square in the coordinate: by less it hardly tells values from effects
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
@@ -81,6 +91,9 @@ class SimulatorRounds(Rounds):
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
     variances: dict[tuple[str, str], Array] = field(default_factory=dict)
+    # What was told where all that may be missing was compared with it
+    compared: list[Names] = field(default_factory=list)
+    decided: bool = False  # whether something else left less of all sensors, and stands
     there: bool = False  # whether the last step towards the records was within its errors
     place: PlaceOnStructure | None = None  # of what acts at a point, once it was looked for
 
@@ -144,8 +157,11 @@ class SimulatorRounds(Rounds):
     ) -> Outcome:
         """As every structure; then the simulator itself comes as near to the records as it can.
 
-        What several sensors can refute is heard by them first.
+        What several sensors can refute is heard by them first. Once these decided, the coordinate
+        has no say in what is in the simulator.
         """
+        if self.decided:
+            return self._brought_nearer(Outcome(self._look((), before, 1), parts, before))
         best = super().run(effects, before, parts)
         refutable = len(self.structure.shape) > 1 and best.report.best.names
         return best if refutable else self._brought_nearer(best)
@@ -197,12 +213,21 @@ class SimulatorRounds(Rounds):
     def over_all_sensors(self, found: Outcome) -> Outcome:
         """What is found once all sensors, and the modes that ring, have their say.
 
-        The simulator is simulated with the likeliest explanation, and looked at again, until that
-        is what is found.
+        What leaves more of them than noise is compared with all that may be missing.
         """
         if len(self.structure.shape) == 1:
             return found
-        found = self._with_one_value(found)
+        found = self._heard_out(self._with_one_more(found))
+        again = self._with_one_more(found)
+        return found if again is found else self._heard_out(again)
+
+    def _heard_out(self, found: Outcome) -> Outcome:
+        """What is found once all sensors are heard of explanations of the coordinate.
+
+        The simulator is simulated with the likeliest explanation, and looked at again, until that
+        is what is found, or what is found comes no nearer.
+        """
+        near = False
         for _ in range(_LISTENED):
             if self.options.over:
                 return found._replace(report=replace(found.report, interrupted=True))
@@ -211,20 +236,20 @@ class SimulatorRounds(Rounds):
                 again = self._once_heard(found)
             except self.structure.failures:  # what was found stands
                 again = None
-            if again is None or again.trouble or self._farther(again, found):
+            if again is None or again.trouble or self._no_nearer(again, found, near):
                 self.structure, (self.place, self.own, self.variances) = before, kept
                 self.return_to(found.corrected)
-                return self._brought_nearer(found)
-            settled = again.parts is found.parts and self.structure is before
-            found = again
-            if settled:
-                break
+                return found if near else self._brought_nearer(found)
+            if again.parts is found.parts and self.structure is before:
+                return again
+            found, near = again, True
         return found
 
-    def _farther(self, again: Outcome, found: Outcome) -> bool:
-        """Whether what stays the same leaves more of the sensors than before."""
+    def _no_nearer(self, again: Outcome, found: Outcome, near: bool) -> bool:
+        """Whether what stays the same leaves more of the sensors, or once near nearly as much."""
         same = again.report.best.names == found.report.best.names
-        return same and self.own_error(again.corrected) > self.own_error(found.corrected)
+        part = _NO_LESS if near else 1.0
+        return same and self.own_error(again.corrected) > part * self.own_error(found.corrected)
 
     def _once_heard(self, found: Outcome) -> Outcome:
         """What is found once all sensors had their say, and near to the records."""
@@ -268,45 +293,121 @@ class SimulatorRounds(Rounds):
             found = again._replace(report=report)
         return found
 
-    def _with_one_value(self, found: Outcome) -> Outcome:
-        """What is found where values within tolerances leave more than noise of all sensors.
+    def _with_one_more(self, found: Outcome) -> Outcome:
+        """What is found where the simulator leaves more than noise of all sensors.
 
-        Each value that was stated without a tolerance is tried beside them: the first mode may not
-        have asked for it.
+        Each effect that may act somewhere, and each value without a tolerance, is compared beside
+        values within theirs: the first mode may not have asked for it.
         """
-        known, n = scales(self.records), len(self.records)
-        values = [e for e in self.general if isinstance(e, ValueEffect)]
-        done = found.trouble or found.report.best.names or self.options.over
-        if done or not values or self.own_error(found.corrected) <= _CLOSE:
+        told, before = found.report.best, (self.structure, self.own, self.variances, self.place)
+        there = bool(told.names) and self.can_have(told.effects)
+        enough = self.own_error(found.corrected) <= (_ASTRAY if there else _CLOSE)
+        if found.trouble or self.options.over or enough or names_of(told) in self.compared:
             return found
-        misfits = {frozenset[str](): self._misfit(found.parts, found.corrected)}
-        tried: dict[Names, tuple[Part, ...]] = {}
+        self.compared.append(names_of(told))
         try:
-            for effect in values:
-                self.options.progress(f"all sensors beside {effect.name}")
-                names, part = frozenset({effect.name}), Part.of(effect, known, n)
-                tried[names] = self._grown(found._replace(parts=(*found.parts, part)))
-                misfits[names] = self._misfit(tried[names], self.simulate(tried[names]))
-            best = min(tried, key=lambda names: misfits[names])
-            price = float(np.log(sum(r.count for r in self.records)))
-            if misfits[frozenset()] - misfits[best] < price + EQUIVALENT:
-                self.return_to(found.corrected)
-                return found
-            self.elsewhere = {names: x - misfits[best] for names, x in misfits.items()}
-            again = self.run((), self.simulate(tried[best]), tried[best])
+            again = self._compared(found, names_of(told) if there else frozenset())
         except self.structure.failures:  # what was found stands
+            again = found
+        if again is found or again.trouble:
+            self.structure, self.own, self.variances, self.place = before
             self.return_to(found.corrected)
             return found
-        return found if again.trouble else again
+        return again
 
-    def _misfit(self, parts: Sequence[Part], found: Sequence[Corrected]) -> float:
-        """Chi-square of what the simulator leaves of all sensors, and of its values."""
-        known = sum((float(p.values[0]) / p.tolerance) ** 2 for p in parts if p.tolerance)
-        for c, raw in zip(found[: self.n_training], self.raw, strict=False):
-            measured = raw.between(c.decay.t[0], c.decay.t[-1]).signal.reshape(len(c.readings), -1)
-            noise = np.array([noise_std(y) for y in measured.T])
-            known += float(np.sum(((measured - c.readings) / noise) ** 2))
-        return known
+    def _compared(self, found: Outcome, told: Names) -> Outcome:
+        """The same, unless something leaves less of all sensors: then what is found with that."""
+        values = tuple(p for p in found.parts if p.tolerance is not None)
+        base, first = found._replace(parts=values), self.structure
+        read = [self._read(i) for i in range(self.n_training)]
+        left = {told: self._left_by(read, found.parts)}
+        promising = self._promising(base)
+        fits: dict[Names, tuple[tuple[Part, ...], OnSimulator, list[Beginning | None]]] = {}
+        tried = [((), first), *(((c.part,), c.there) for c in promising)]
+        for more, self.structure in tried if promising else ():
+            names = frozenset(p.effect.name for p in more)
+            self.options.progress(f"all sensors beside {' + '.join(names) or 'values alone'}")
+            try:
+                parts = self._grown(base._replace(parts=(*values, *more)))
+                misfit = self._left_by(read, parts)
+            except self.structure.failures:  # what it leads to cannot be simulated
+                continue
+            fits[names] = parts, self.structure, self.releases
+            left[names] = min(misfit, left.get(names, np.inf))
+        best = min(left, key=lambda names: left[names])
+        noise = noise_of(left[best], read)
+        misfits = {names: tells(x - left[best], left[best], noise) for names, x in left.items()}
+        price = float(np.log(sum(r.count for r in self.records)))
+        if misfits[told] < price + EQUIVALENT:
+            return found
+        parts, self.structure, self.releases = fits[best]
+        self.elsewhere, self.decided, self.own = misfits, True, parts
+        asked = {p.effect.name for more, _ in tried for p in more} | told
+        self.general = [e for e in self.general if e.name in asked]
+        return self.run((), self.simulate(parts), parts)
+
+    def _left_by(self, read: Sequence[Readings], parts: tuple[Part, ...]) -> float:
+        """Chi-square that the structure with some parts leaves of all sensors, and of values."""
+        asked = [(i, parts, r, self.structure) for i, r in enumerate(read)]
+        return self._left(read, [*map(whole, self._motions(asked))]) + prior_cost(parts)
+
+    def _promising(self, base: Outcome) -> list[Candidate]:
+        """What may be missing beside values within tolerances, the likeliest first.
+
+        It is looked for among points that are far from each other, then near the likeliest.
+        """
+        here, end = self.structure, _FIRST * 2 * np.pi / min(r.rate for r in self.records)
+        parts = self._grown(base, end)
+        releases = self.releases[: self.n_training]
+        now = [*map(whole, self._now([(here, i, parts, r) for i, r in enumerate(releases)], end))]
+        look = self._linear_look(now, parts, end)
+
+        def told_by(candidates: Sequence[Candidate]) -> list[Candidate]:
+            starts = [*enumerate(releases)]
+            asked = [(c.there, i, (*parts, c.part), r) for c in candidates for i, r in starts]
+            moved, found = iter(self._now(asked, end)), []
+            for c in candidates:
+                own = [next(moved) for _ in releases]
+                if not any(isinstance(m, Failure) for m in own):  # too strong where it moves least
+                    pairs = zip(map(whole, own), now, strict=True)
+                    changes = [(m.readings - x.readings) / x.noise for m, x in pairs]
+                    found.append(look.with_strength(c, np.concatenate([*map(np.ravel, changes)])))
+            return found
+
+        little = little_of(self.general, here, scales(self.records), len(self.records))
+        search = PlaceSearch(here.points, here.at_point, lambda *_: (), lambda *_: 0.0)
+        far = here.at(search.apart()) if here.points else [here]
+        asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
+        found = told_by(asked)
+        for c in best_of_each(found)[:_FEW] if here.points else ():
+            if here.acts([c.part]):
+                found += told_by(
+                    [c._replace(there=t) for t in here.at(search.nearest(c.there.at_point))]
+                )
+        best = best_of_each(found)
+        least = float(look.left @ look.left) - max((c.gain for c in best), default=0.0)
+        noise = max(least / len(look.left), 1.0)
+        return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
+
+    def _linear_look(self, now: Sequence[Now], parts: tuple[Part, ...], end: float) -> LinearLook:
+        """What is left of first cycles of all sensors, and what that may follow otherwise."""
+        steps = np.concatenate([np.zeros(0), *(self._small(p, end) for p in parts)])
+        rows = self._linear(now, parts, steps, end)
+        allowed = block_diag(*(self._allowed(i, n) for i, n in enumerate(now)))
+        starts = block_diag(*(r.by_start for r in rows))
+        known = np.hstack([np.concatenate([r.by_value for r in rows]), starts, allowed])
+        n = allowed.shape[1]
+        prior = block_diag(np.diag(_sureness(parts)), np.zeros((0, starts.shape[1])), np.eye(n))
+        left = [*(r.left for r in rows), -_off_known(parts), np.zeros(n)]
+        return LinearLook.of(np.concatenate(left), np.vstack([known, prior]))
+
+    def _allowed(self, i: int, now: Now) -> Array:
+        """What gains of sensors and frequencies of other modes may change in a record."""
+        x, t = now.readings, self.records[i].t[: len(now.readings)]
+        rung = x - FirstMode.of(self.structure.coordinate(x), x, t).readings
+        detuned = _DETUNED * t[:, None] * np.gradient(rung, t, axis=0)
+        columns = [*(GAINS * y for y in by_gains(x)), detuned]
+        return np.stack([(y / now.noise).ravel() for y in columns], axis=1)
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
         """What all sensors say of explanations, and of none: minus twice their log-likelihood.
@@ -425,64 +526,110 @@ class SimulatorRounds(Rounds):
 
     def _nearer(self, best: Outcome) -> tuple[Part, ...]:
         """What is in the simulator, changed by one step of least squares on whole records."""
-        now = [Now(c.readings, c.start, c.release) for c in best.corrected]
-        parts, self.releases = self._step(best.parts, now)
+        rows = enumerate(best.corrected)
+        now = [Now(c.readings, c.start, c.release, *self._measured(i)) for i, c in rows]
+        parts, now = self._after_step(best.parts, now, np.inf)
+        self.releases = [n.release for n in now]
         return parts
 
-    def _grown(self, best: Outcome) -> tuple[Part, ...]:
+    def _grown(self, best: Outcome, longest: float = np.inf) -> tuple[Part, ...]:
         """What is in the simulator, fitted to the first cycles of all sensors, and to ever more.
 
         Over whole records other modes lose step where values are off: no step leads from there.
         """
         parts = best.parts
         releases = [c.release._replace(state=c.start) for c in best.corrected]
-        longest = max(float(r.t[-1]) for r in self.records)
+        longest = min(longest, max(float(r.t[-1]) for r in self.records))
         end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
         while True:
+            asked = [(self.structure, i, parts, r) for i, r in enumerate(releases)]
+            now = [*map(whole, self._now(asked, end))]
             for _ in range(_STEPS):
-                now = self._now([(i, parts, r) for i, r in enumerate(releases)], end)
-                parts, releases = self._step(parts, now, end)
+                parts, now = self._after_step(parts, now, end)
+            releases = [n.release for n in now]
             if end >= longest:
                 break
             end *= _LONGER
         self.releases = releases
         return parts
 
-    def _now(self, asked: Sequence[tuple[int, Sequence[Part], Beginning]], end: float) -> list[Now]:
+    def _after_step(
+        self, parts: tuple[Part, ...], now: Sequence[Now], end: float
+    ) -> tuple[tuple[Part, ...], list[Now]]:
+        """Parts and motions after a step of least squares, or after the part of it that is best.
+
+        Raises a failure where no part of it leads to a motion.
+        """
+        change, larger = self._step(parts, now, end)
+        tried = [moved_parts(parts, share * change) for share in _SHARES]
+        asked = [
+            (self.structure, i, there, n.release.larger(n.start, 1 + share * (by - 1)))
+            for share, there in zip(_SHARES, tried, strict=True)
+            for i, (n, by) in enumerate(zip(now, larger, strict=True))
+        ]
+        moved, each = self._now(asked, end), len(now)
+        found: list[tuple[float, tuple[Part, ...], list[Now]]] = []
+        for k, there in enumerate(tried):
+            own = [m for m in moved[k * each : (k + 1) * each] if not isinstance(m, Failure)]
+            if len(own) == each:
+                found.append((self._misfit(there, own), there, own))
+        if not found:
+            whole(next(m for m in moved if isinstance(m, Failure)))
+        return min(found, key=lambda row: row[0])[1:]
+
+    def _misfit(self, parts: Sequence[Part], now: Sequence[Now]) -> float:
+        """Chi-square of what motions leave of records to learn from, and of values."""
+        left = sum(float(np.sum(n.left**2)) for n in now[: self.n_training])
+        return left + float(np.sum(_off_known(parts) ** 2))
+
+    def _now(
+        self, asked: Sequence[tuple[OnSimulator, int, Sequence[Part], Beginning]], end: float
+    ) -> list[Now | Failure]:
         """Motions of records with some parts, from where these begin, up to a time."""
         questions = []
-        for i, parts, release in asked:
+        for there, i, parts, release in asked:
             record = self.records[i].until(end)
             equation = equation_of(self.model, parts, i, record)
             assert release.state is not None
             given = (equation, parts, record, release.state, release)
-            questions.append(AskedMotion(self.structure, *given))
-        rows = zip(map(whole, moved_together(questions)), questions, strict=True)
-        return [Now(m.readings[q.record.derivative], m.start, m.release) for m, q in rows]
+            questions.append(AskedMotion(there, *given))
+        found: list[Now | Failure] = []
+        for m, q, (_, i, *_) in zip(moved_together(questions), questions, asked, strict=True):
+            if isinstance(m, Failure):
+                found.append(m)
+            else:
+                readings = m.readings[q.record.derivative]
+                measured, noise = self._measured(i)
+                found.append(Now(readings, m.start, m.release, measured[: len(readings)], noise))
+        return found
+
+    def _measured(self, i: int) -> tuple[Array, Array]:
+        """What the sensors measured in a record, (n, n_sensors), and the noise of each."""
+        record = self.records[i]
+        own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
+        measured = own.signal.reshape(len(own.t), -1)
+        return measured, np.array([noise_std(y) for y in measured.T])
 
     def _step(
         self, parts: tuple[Part, ...], now: Sequence[Now], end: float = np.inf
-    ) -> tuple[tuple[Part, ...], list[Beginning]]:
-        """One step of least squares on the simulator's own readings, up to a time of the records.
+    ) -> tuple[Array, Array]:
+        """A change of all values by least squares on what is left of records, up to a time.
 
-        Beside it each record may begin a little larger, or later.
+        Beside it each record may begin a little later, or so many times larger, which is second.
         """
-        values = np.concatenate([p.values for p in parts])
-        steps = np.concatenate([self._small(p, end) for p in parts])
+        steps = np.concatenate([np.zeros(0), *(self._small(p, end) for p in parts)])
         rows = self._linear(now, parts, steps, end)
         change = np.zeros(len(steps))
         learnt = rows[: self.n_training]
-        known = np.concatenate(
-            [np.full(p.size, 1 / p.tolerance if p.tolerance else 0.0) for p in parts]
-        )
+        known = _sureness(parts)
         for own in (learnt, rows):  # what took no part says how it begins alone
-            left = [r.left - r.by_value @ change for r in own]
+            left: list[Array] = [r.left - r.by_value @ change for r in own]
             matrix = block_diag(*(r.by_start for r in own))
             free = own is learnt
             if free:
-                whole = np.hstack([np.concatenate([r.by_value for r in own]), matrix])
+                both = np.hstack([np.concatenate([r.by_value for r in own]), matrix])
                 prior = np.hstack([np.diag(known), np.zeros((len(known), matrix.shape[1]))])
-                matrix, left = np.vstack([whole, prior]), [*left, -known * values]
+                matrix, left = np.vstack([both, prior]), [*left, -_off_known(parts)]
             # A value that is held, or at its limit, moves nothing: it stays.
             size = np.linalg.norm(matrix, axis=0)
             scale = np.where(size > 0, size, 1.0)
@@ -491,13 +638,10 @@ class SimulatorRounds(Rounds):
             if free:
                 change = found[: len(steps)]
                 known_to = np.diag(np.linalg.pinv(scaled.T @ scaled, hermitian=True)) / scale**2
-                ends = np.cumsum([p.size for p in parts])[:-1]
-                each = np.split(known_to[: len(steps)], ends)
+                *each, _ = np.split(known_to, np.cumsum([p.size for p in parts], dtype=int))
                 self.variances = {key_of(p): x for p, x in zip(parts, each, strict=True)}
                 self.there = bool(np.all(change**2 <= known_to[: len(steps)]))
-        larger = (1 + found[: 2 * len(now) : 2]).tolist()
-        begins = [n.release.larger(n.start, by) for n, by in zip(now, larger, strict=True)]
-        return moved_parts(parts, change), begins
+        return change, 1 + found[: 2 * len(now) : 2]
 
     def _small(self, part: Part, end: float) -> Array:
         """Changes of the values of a part, for what they do until a time of the records."""
@@ -514,28 +658,24 @@ class SimulatorRounds(Rounds):
         # To both sides: values that nearly do the same are told apart by what is left of both.
         changes = [x * one for x, one in zip(steps, np.eye(len(steps)), strict=True)]
         tried = [moved_parts(parts, sign * x) for x in changes for sign in (1, -1)]
-        asked: list[tuple[int, Sequence[Part], Beginning]] = []
+        here = self.structure
+        asked: list[tuple[OnSimulator, int, Sequence[Part], Beginning]] = []
         for i, n in enumerate(now):
-            asked += [(i, p, n.release.larger(n.start, 1.0)) for p in tried]
-            asked.append((i, parts, n.release.larger(n.start, 1 + _LARGER)))
-        found = iter(self._now(asked, end))
+            asked += [(here, i, p, n.release.larger(n.start, 1.0)) for p in tried]
+            asked.append((here, i, parts, n.release.larger(n.start, 1 + _LARGER)))
+        found = map(whole, self._now(asked, end))
         rows = []
         for i, n in enumerate(now):
-            record, raw = self.records[i], self.raw[i]
-            own = raw.between(record.decay.t[0], record.decay.t[-1])
-            measured = own.signal.reshape(len(own.t), -1)
-            noise = np.array([noise_std(y) for y in measured.T])
-            left = measured[: len(n.readings)] - n.readings
             pairs = [(next(found), next(found)) for _ in steps]
             by_value = [
                 (more.readings - less.readings) / (2 * step)
                 for (more, less), step in zip(pairs, steps, strict=True)
             ]
             larger = (next(found).readings - n.readings) / _LARGER
-            later = np.gradient(n.readings, record.decay.dt, axis=0)
-            columns = [left, *by_value, larger, later]
-            table = np.stack([(x / noise).ravel() for x in columns], axis=1)
-            rows.append(LinearReadings(table[:, 0], table[:, 1:-2], table[:, -2:]))
+            later = np.gradient(n.readings, self.records[i].decay.dt, axis=0)
+            columns = [*by_value, larger, later]
+            table = np.stack([(x / n.noise).ravel() for x in columns], axis=1)
+            rows.append(LinearReadings(n.left, table[:, :-2], table[:, -2:]))
         return rows
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
@@ -564,6 +704,25 @@ def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
         return apart and abs(np.sum(window * beside * np.exp(-1j * tone * record.t))) > loud
 
     return tuple(tone for tone in tones if rung(tone))
+
+
+def _sureness(parts: Sequence[Part]) -> Array:
+    """One over the standard deviation of each value that is known beforehand, 0 of others."""
+    found: list[Array] = [np.zeros(0)]
+    for p in parts:
+        spreads = [q.spread for q in p.parameters]
+        found.append(np.full(p.strengths.size, 1 / p.tolerance if p.tolerance else 0.0))
+        found.append(np.array([0.0 if s is None else 1 / s for s in spreads]))
+    return np.concatenate(found)
+
+
+def _off_known(parts: Sequence[Part]) -> Array:
+    """How far values are from what is known of them, over its standard deviation."""
+    near: list[Array] = [np.zeros(0)]
+    for p in parts:
+        near += [np.zeros(p.strengths.size), np.array([q.starts[0] for q in p.parameters])]
+    values = np.concatenate([np.zeros(0), *(p.values for p in parts)])
+    return _sureness(parts) * (values - np.concatenate(near))
 
 
 def left_of(
@@ -612,6 +771,13 @@ class Now(NamedTuple):
     readings: Array
     start: tuple[float, float]
     release: Beginning
+    measured: Array  # what they read indeed
+    noise: Array  # (n_sensors,)
+
+    @property
+    def left(self) -> Array:
+        """What the motion leaves of that, over the noise, (m,)."""
+        return np.asarray(((self.measured - self.readings) / self.noise).ravel())
 
 
 class LinearReadings(NamedTuple):

@@ -1,19 +1,31 @@
-"""Where on a simulated structure something acts: at which of the points that it offers.
+"""What a simulated structure may lack, and where on it something acts.
 
-The first mode alone does not tell: a force elsewhere, as much larger as the point moves less, does
-the same to it. Other modes are moved, damped and detuned in proportions that go with the point.
-Points far from each other are tried first, on the first cycles, in which a mode that is detuned
-has not lost step yet; then those about the likeliest, on more of them.
+The first mode alone does not tell where: a force elsewhere, as much larger as the point moves less,
+does the same to it. Other modes are moved, damped and detuned in proportions that go with the
+point. Points far from each other are tried first, on the first cycles, in which a mode that is
+detuned has not lost step yet; then those about the likeliest, on more of them.
+
+Nor does it tell a spring from a mass, or a part that is softer from all that is softer. To first
+order a candidate adds its strength times what a little of it does. What is left of all sensors goes
+with that or not, once all was taken off that values within tolerances do as well (a score test,
+[1]).
+
+[1] C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters, Proc.
+    Camb. Phil. Soc. 44 (1948), doi 10.1017/S0305004100023987.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
+from romsindy.effects.base import Effect, Scales, TermEffect
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
 
@@ -94,9 +106,18 @@ class PlaceSearch:
     @cached_property
     def first(self) -> float:
         """The least misfit on the first cycles of points that are far from each other."""
-        share, more = _LEVELS[0]
-        far = self._apart({self.own}, np.inf, more)[0] if self.points else [self.own]
-        return min(self.left(far, share).values())
+        far = self.apart() if self.points else [self.own]
+        return min(self.left(far, _LEVELS[0][0]).values())
+
+    def apart(self) -> list[str]:
+        """Points far from each other, the own one among them."""
+        return self._apart({self.own}, np.inf, _LEVELS[0][1])[0]
+
+    def nearest(self, point: str) -> list[str]:
+        """Points about another one, the nearest first."""
+        apart = np.linalg.norm(self.places - self.points[point], axis=1)
+        names = [*self.points]
+        return [names[i] for i in np.argsort(apart)[1 : 1 + _AROUND]]
 
     def _apart(self, likely: Collection[str], reach: float, more: int) -> tuple[list[str], float]:
         """Likely points, the own one and so many ``more`` within reach, far from each other.
@@ -126,7 +147,6 @@ class PlaceSearch:
         """
         if not self.points:
             return self.left([self.own])[self.own], None
-        names, places = [*self.points], self.places
         likely, reach = {self.own}, np.inf
         for level, (share, more) in enumerate(_LEVELS):
             chosen, reach = self._apart(likely, reach, more)
@@ -137,9 +157,7 @@ class PlaceSearch:
             likely = {n for n, x in left.items() if self._alike(x, least, share)}
         best = min(left, key=lambda n: left[n])
         while True:
-            apart = np.linalg.norm(places - self.points[best], axis=1)
-            nearest = [names[i] for i in np.argsort(apart)[1 : 1 + _AROUND]]
-            left |= self.left(nearest)
+            left |= self.left(self.nearest(best))
             if left[best] <= min(left.values()):
                 break
             best = min(left, key=lambda n: left[n])
@@ -175,3 +193,85 @@ def _beyond(places: Array, low: float, high: float) -> tuple[float, float]:
 def _distance(places: Array, others: Array) -> Array:
     """Of each place (n, 3) to the nearest of others (m, 3)."""
     return np.asarray(np.linalg.norm(places[:, None] - others, axis=2).min(axis=1))
+
+
+# -- a linear look --------------------------------------------------------------------------------
+
+_NEW = 1e-9  # of a column beside others
+_LITTLE = 1e-3  # of the restoring force: a strength of which a linear look is told
+
+
+class Candidate(NamedTuple):
+    """What may be missing, where it acts, and what of chi-square it explains."""
+
+    part: Part
+    there: OnSimulator
+    gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class LinearLook:
+    """What is left of all sensors of all records, over the noise, and what else it may follow."""
+
+    left: Array  # (m,), without what it follows
+    basis: Array  # (m, k), orthonormal
+
+    @classmethod
+    def of(cls, left: Array, known: Array) -> LinearLook:
+        """Of what is left, (m,), and what it may follow, (m, k)."""
+        size = np.linalg.norm(known, axis=0)
+        u, s, _ = np.linalg.svd(known[:, size > 0] / size[size > 0], full_matrices=False)
+        basis = u[:, s > _NEW * s.max(initial=0.0)]
+        return cls(left - basis @ (basis.T @ left), basis)
+
+    def with_strength(self, candidate: Candidate, change: Array) -> Candidate:
+        """The same with its likeliest strength: as it is it does a ``change`` of readings."""
+        change = np.append(change, np.zeros(len(self.left) - len(change)))  # and of no prior
+        change = change - self.basis @ (self.basis.T @ change)
+        size = float(change @ change)
+        times = float(change @ self.left) / size if size else 0.0
+        part = candidate.part
+        part = part.moved((times - 1) * part.values * (np.arange(part.size) == 0))
+        # What has a sign, or cannot be less, is kept within: that explains less.
+        times = float(part.values[0] / candidate.part.values[0])
+        gain = 2 * times * float(change @ self.left) - times**2 * size
+        return candidate._replace(part=part, gain=gain)
+
+
+def little_of(
+    effects: Iterable[Effect], here: OnSimulator, scales: Scales, n_records: int
+) -> list[Part]:
+    """A little of each effect that the simulator can have, and of each value without a tolerance.
+
+    They have one strength, and no other value but an exponent.
+    """
+    found = []
+    for effect in effects:
+        known = effect.parameters(scales)
+        plain = {p.name for p in known} <= {"exponent"} and effect.n_strengths == 1
+        if not (isinstance(effect, TermEffect) and plain):
+            continue
+        part = Part.of(effect, scales, n_records, [p.starts[0] for p in known])
+        little = replace(part, strengths=np.array([[_strength(effect, scales)]]))
+        if here.with_effects([little]):
+            found.append(little)
+    return found
+
+
+def _strength(effect: TermEffect, scales: Scales) -> float:
+    """Of a little of an effect."""
+    if isinstance(effect, ValueEffect):
+        return _LITTLE * effect.scale
+    amplitude, omega = scales[:2]
+    force = effect.term().strong(amplitude, amplitude * omega, omega**2 * amplitude)
+    return _LITTLE * omega**2 * amplitude / max(abs(float(force)), 1e-300)
+
+
+def best_of_each(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The likeliest place of each effect, the likeliest effect first."""
+    best: dict[str, Candidate] = {}
+    for c in candidates:
+        name = c.part.effect.name
+        if name not in best or c.gain > best[name].gain:
+            best[name] = c
+    return sorted(best.values(), key=lambda c: -c.gain)
