@@ -356,6 +356,7 @@ def little_room():
     resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="only POSIX limits the size of files")
 def test_a_disk_that_fills_costs_nothing_that_is_done(tmp_path):
     """What was written stays readable, and the same command goes on from there."""

@@ -70,6 +70,7 @@ def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     assert (tmp_path / "backbone.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_the_answer_comes_first(run, tmp_path):
     """Twelve lines, then files: what was found, how sure, what is wrong with it, what next."""
     decay = example_decay(40.0, 3).between(0, 60)
@@ -91,6 +92,7 @@ def test_same_seed_same_numbers(run):
     assert first == second != run("regress", "--example", "--seed", 5, "--plain").output
 
 
+@pytest.mark.slow
 def test_plain_is_the_regression_of_the_paper(run, tmp_path):
     """As by hand: least squares on harmonics 0 to 5 of the terms as they stand."""
     result = run("regress", "--example", "--plain", "--model", "model.json", "--full")
@@ -391,6 +393,7 @@ def test_an_option_of_another_command_is_not_mistaken_for_one_of_a_like_name(run
     assert "Did you mean '--measured'" in run("diagnose", "--measurd", "decay.csv").stderr
 
 
+@pytest.mark.slow
 def test_a_unit_of_no_motion_has_a_remedy(run, tmp_path):
     """What the message advises works."""
     save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
@@ -412,6 +415,7 @@ def test_a_choice_that_is_not_there_is_all_that_is_told(run, tmp_path):
         assert f"{choice[0][2:]} = {choice[1]}" in refused.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "files"),
     [
@@ -497,6 +501,7 @@ def test_any_package_adds_a_command(run, others):
     assert "but of romsindy identify" in run("export", "--coordinates", "2").output
 
 
+@pytest.mark.slow
 def test_no_progress_in_a_pipe(tmp_path):
     """A log is no terminal: neither bars nor lines of status."""
     (tmp_path / "model.json").write_text(EXAMPLE_MODEL.to_json())

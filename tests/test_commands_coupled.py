@@ -183,6 +183,7 @@ def test_one_coordinate_is_the_command_as_it_is():
     assert said == [None, None]
 
 
+@pytest.mark.slow
 def test_known_coefficients_stay_as_they_are(run, folder):
     """The others stay within four standard errors of the truth."""
     known = ["--fix", "omega^2 [q1]=3950", "--fix", "c_linear [q2] = 1.0"]

@@ -36,6 +36,7 @@ def run(folder, monkeypatch):
     return lambda *words: CliRunner().invoke(main, ["diagnose", *map(str, words)])
 
 
+@pytest.mark.slow
 def test_a_wrong_gain_is_named(run, folder):
     """From two files in mm and kN; the strength is what the gain lacks, within four errors."""
     files = ["--report", "page.html", "--json", "out.json", "--csv", "out.csv"]
@@ -56,6 +57,7 @@ def test_a_wrong_gain_is_named(run, folder):
     assert "input_gain,gain [force],strength," in (folder / "out.csv").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_held_out_tolerance_and_repeats(run):
     """A gain that is 10 % low: beyond the tolerance of the frequency, and on the other file too."""
     given = ["--measured", "first.csv", "--model", "weak.json", "--floor", 1e-3]

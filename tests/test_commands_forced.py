@@ -275,6 +275,7 @@ def test_a_base_displacement_is_refused(run, folder):
     assert "--unit-input mm is no unit of the acceleration of a base: use m/s^2" in refused.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [["--select"], ["--order", 3]])
 def test_known_coefficients_stay_as_they_are(run, options):
     """The others stay within four standard errors of the truth."""

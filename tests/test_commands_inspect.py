@@ -115,6 +115,7 @@ def multisine(noise, duration=30.0):
     return t, x + noise * x.std() * rng.standard_normal(len(t)), tones.sum(axis=1).real
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("header", ["t,a,b", "t,b,a", "t [s],x [m],ch2 [V]"])
 def test_an_input_without_a_name_is_no_free_decay(run, tmp_path, header):
     """It was told as one, or nothing said how to name the input. The command finds both."""
@@ -142,6 +143,7 @@ def test_a_response_alone_is_no_free_decay(run, tmp_path):
     assert "romsindy identify" not in said
 
 
+@pytest.mark.slow
 def test_one_mode_and_one_release_by_choice(run, record, tmp_path):
     for choice in (["--mode", 2], ["--band", 20, 28]):
         result = run("regress", "test.csv", *choice, "--release", 2, "--json", "-")
@@ -179,6 +181,7 @@ def test_many_files_one_table_one_page(run, tmp_path):
     assert (tmp_path / "run1_report.html").is_file() and (tmp_path / "run2_report.html").is_file()
 
 
+@pytest.mark.slow
 def test_two_processes_say_and_write_the_same(run, tmp_path):
     """A file that cannot be read and a page that cannot be written are told as by one process."""
     for i in (1, 2):
@@ -269,6 +272,7 @@ def test_the_usual_name_of_the_page_may_be_taken(run, record, tmp_path):
         assert result.exit_code == 2 and f"{name} is a folder" in result.stderr
 
 
+@pytest.mark.slow
 def test_several_channels(run, tmp_path):
     """`inspect` looks at the liveliest; `identify` asks which; both together, or one, work."""
     t, q = duffing(1.0, 3)

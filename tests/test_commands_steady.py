@@ -164,6 +164,7 @@ def test_a_table_without_points_is_named_once(run, tmp_path):
     assert "with a time or frequency and what was measured" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_slope_that_is_not_needed_is_told(run, duffing, tmp_path):
     """Also where nothing else of the chain is fitted."""
     w, force, q = duffing

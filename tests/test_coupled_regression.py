@@ -77,6 +77,7 @@ def errors(model, ratio, inertia=0.0):
     return {k: model.coefficients[k] / v - 1 for k, v in truth(ratio, inertia).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shapes", "ratio"), [(TWO, 2.07), (ONE, 2.73)])
 def test_terms_and_coefficients_of_clean_decays(shapes, ratio):
     estimator = HarmonicSINDy(STIFF, SPARSE).fit(decays(shapes, ratio, noise=0.0))

@@ -303,6 +303,7 @@ def test_an_effect_in_no_catalogue_is_unknown():
     assert page["tables"][-1].title in ("What comes nearest", "The gap, before and after")
 
 
+@pytest.mark.slow
 def test_the_model_with_the_effect_moves_like_the_truth():
     result = report_of("quadratic_drag")
     truth = decay(0.9, HIDDEN["quadratic_drag"][0]["force"], snr_db=200)
@@ -600,6 +601,7 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     assert left < 0.05
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path, monkeypatch):
     rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")
     (tmp_path / "model.json").write_text(MODEL.to_json())
@@ -627,6 +629,7 @@ def test_command_line(tmp_path, monkeypatch):
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
 
 
+@pytest.mark.slow
 def test_both_may_be_columns_of_one_file(tmp_path):
     """A spring hardens by 2 % of its force at 0.1 m, which the simulated column has not."""
     t = np.arange(0, 12, 0.01)

@@ -409,6 +409,7 @@ def heard(measured):
     return found.place
 
 
+@pytest.mark.slow
 def test_a_damper_is_found_where_it_is():
     """A pull at the tip rings the second mode, which dies as the damper's place says."""
     length = BEAM.length

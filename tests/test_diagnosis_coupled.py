@@ -93,6 +93,7 @@ def test_nothing_is_missing(seed, size):
     assert report.model == report.nominal and "They agree" in report.sentence
 
 
+@pytest.mark.slow
 def test_a_change_within_the_tolerance_is_none_and_beyond_it_is_told():
     stiffer = decay(stiff=1.004)  # 0.2 % in frequency
     assert rs.diagnose(MODEL, stiffer, tolerance=0.003, catalogue=()).verdict == "none"

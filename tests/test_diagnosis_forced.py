@@ -191,6 +191,7 @@ def test_the_chain_is_late():
     assert late.values["delay"] == pytest.approx(0.004, abs=4 * late.standard_errors["delay"])
 
 
+@pytest.mark.slow
 def test_an_input_that_is_not_held_has_no_strength_and_is_named(right):
     """Held inputs are late by half a sample, 9 degrees at 5 Hz: an effect without any value."""
     terms = [Input("force", "hold", 0.0, "N") if isinstance(t, Input) else t for t in model().terms]
@@ -286,6 +287,7 @@ def test_repeats_say_what_does_not_matter():
     assert "repeat runs differ by 0.2 % in frequency" in report.sentence
 
 
+@pytest.mark.slow
 def test_a_held_out_record_takes_no_part_and_tells():
     """Drag that was learnt in one sweep closes the gap of a weaker one; else it stays open."""
     weaker = record(13, drag, level=0.7)

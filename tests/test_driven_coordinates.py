@@ -116,6 +116,7 @@ def test_two_channels_give_back_both_equations(fitted):
     assert small_vibrations(fitted, fitted.records)[1].coordinate == 2
 
 
+@pytest.mark.slow
 def test_the_verdict_names_the_coupling_that_is_missing(fitted):
     """Its force is the derivative of V q1^2 q2, in both equations; see `rates`."""
     alone = {k: v for k, v in fitted.model.coefficients.items() if k != "V q1^2 q2"}

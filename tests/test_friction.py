@@ -125,6 +125,7 @@ def half_swings(x, omega, zeta, friction, t):
     return q
 
 
+@pytest.mark.slow
 def test_friction_and_viscous_damping_are_told_apart_where_the_motion_is_quiet():
     """Made smooth at the largest speed, friction took 4 % of the viscous damping to itself."""
     omega, zeta, friction = 75.4, 0.002, 0.15

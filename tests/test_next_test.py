@@ -121,6 +121,7 @@ def test_the_cheapest_of_the_tests_that_tell_is_advised():
     assert report(damping).advised(dear).test == tests[2]
 
 
+@pytest.mark.slow
 def test_the_amplitude_is_stated_in_the_unit_of_the_data():
     assert report(damping).advised([HIGHER]).action == "from 2 rad"
 

@@ -177,12 +177,14 @@ def verdict_on(record):
     return fitted(record).verdict
 
 
+@pytest.mark.slow
 def test_the_right_model_is_explained_where_a_force_was_not_measured():
     verdict = verdict_on(driven(11, "force"))
     assert verdict.explained and verdict.force > 3 * verdict.sensor
     assert "by forces that were not measured" in str(verdict)
 
 
+@pytest.mark.slow
 def test_friction_that_is_missing_is_noticed_beside_a_force_that_was_not_measured():
     rubbing = 0.05 * 6 * ZETA * OMEGA**2  # a twentieth of the rms of the force
     verdict = verdict_on(driven(12, "force", lambda q, v: rubbing * np.tanh(300 * v / OMEGA)))
@@ -190,6 +192,7 @@ def test_friction_that_is_missing_is_noticed_beside_a_force_that_was_not_measure
     assert "does not explain" in str(verdict) and "most like the sign of q_dot" in str(verdict)
 
 
+@pytest.mark.slow
 def test_errors_hold_where_a_force_was_not_measured():
     """Sum of squares of 12 errors over their standard errors: chi-square, once in 1000 beyond."""
     fits = [fitted(driven(seed, "force", n=1000)) for seed in range(30, 34)]

@@ -211,6 +211,7 @@ def test_a_simulated_series_is_taken_as_by_the_command(no_search):
         diagnose("model", series)
 
 
+@pytest.mark.slow
 def test_a_saved_identification_is_the_same_by_file(tmp_path, no_search):
     """Its file was taken for an estimate of a series: 0.15 % in frequency in the place of 0.006."""
     first = rs.Decay(np.arange(8 * RATE) / RATE, noisy(swing(0.012), 1), unit="m")

@@ -120,6 +120,7 @@ def test_it_is_not_blamed_for_what_is_missing(ratio):
     assert f"a mode at {10 * ratio:.4g} Hz rings along, and is not seen to" in report.sentence
 
 
+@pytest.mark.slow
 def test_friction_beside_a_mode_that_only_rings():
     report = rs.diagnose(MODEL, decay(friction=3.0), catalogue=(*FEW, DryFriction()))
     assert type(report) is rs.DiagnosisReport and report.notes == ()

@@ -104,7 +104,7 @@ def made(tmp_path_factory):
     return folder
 
 
-QUICK = ("inspect.md", "orbits.md", "pysindy.md")
+QUICK = ("orbits.md",)
 SLOW = [pytest.param(p, marks=[pytest.mark.slow] * (p.name not in QUICK)) for p in WITH_FENCES]
 
 

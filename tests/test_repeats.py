@@ -36,6 +36,7 @@ def again(frequency=1.0, damping=1.0, snr_db=35, start=0.9, **reading):
     return decay(start, changed=c, reading=read(**reading), duration=LONG, snr_db=snr_db, seed=5)
 
 
+@pytest.mark.slow
 def test_what_tests_repeat_to_is_none():
     """Each would be found: an offset of 2 % of the amplitude is seventy of its standard errors."""
     run = again(1.0003, 1.02, gain=1.005, offset=0.02, curvature=0.005)
@@ -48,6 +49,7 @@ def test_what_tests_repeat_to_is_none():
     assert d.signal < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moved", "name", "words"),
     [
@@ -84,6 +86,7 @@ def test_an_effect_within_the_default_is_named_and_small_but_not_within_a_stated
     assert stated.verdict == "none" and not stated.small
 
 
+@pytest.mark.slow
 def test_the_error_of_a_strength_is_the_same_in_every_unit():
     """Its exponent is held at 2: an error of it would be an error of a power of the unit."""
     force = lambda t, q, v: 0.002 * abs(v) * v  # noqa: E731

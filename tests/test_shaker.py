@@ -193,6 +193,7 @@ def test_a_harmonic_force_is_that_of_the_input_itself():
 # -- diagnosis ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_lag_of_two_samples_is_named():
     u, force = multisine(7)
     measured = record(lagging(force, 2 * DT), u[: len(PART)], 120001)

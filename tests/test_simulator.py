@@ -298,6 +298,7 @@ def rung(release, t, k=1.0):
     return motion(release, t, nothing, k * STIFFNESS, k * CUBIC / 4) + second
 
 
+@pytest.mark.slow
 def test_what_a_value_does_is_learnt_from_all_releases():
     """All springs together: stiffness and its cube change alike. From one release they do not."""
     simulator, t = Simulator.of(rung), T[:400]
@@ -482,6 +483,7 @@ def rubbing():
     return rs.diagnose(rubs, measured, catalogue=[DryFriction(), AirDrag()])
 
 
+@pytest.mark.slow
 def test_friction_is_named_and_put_into_the_simulator():
     report = rubbing()
     assert report.verdict == "named" and report.names == ("dry_friction",)

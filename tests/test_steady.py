@@ -230,6 +230,7 @@ def test_terms_are_chosen_by_levels_that_take_no_part(duffing):
     assert fit.model.unit == "m" and fit.verdict.explained
 
 
+@pytest.mark.slow
 def test_drag_is_chosen_without_a_noise_level():
     """28 points of four levels: what noise leaves was a force in the choice, and hid a fifth of
     the damping, ten standard errors of it."""
@@ -381,6 +382,7 @@ def test_a_measured_beam_its_fourth_level_foretold(measured):
         assert 0.85 <= found.held <= 1 and found.score < found.constant
 
 
+@pytest.mark.slow
 def test_what_goes_with_the_motion_needs_no_noise_level(duffing):
     """A spring that is missing is noticed, and named, where the spread of the points is not known;
     of the right terms no more than chance says is: 2 of 10 at 1 % each in four trials in 1,000."""
