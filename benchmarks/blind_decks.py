@@ -595,7 +595,8 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool, modes: b
             outcome = diagnosed(seed, found, folder)
         outcomes.append(outcome)
         report = outcome.report
-        after = max((e.after for e in report.sensor_errors), default=float("nan"))
+        errors = [e.after for e in report.sensor_errors]
+        worst = f"{max(errors):.2f} times the noise" if errors else "not simulated"
         click.echo(
             f"{seed}  {hidden.shape}, {hidden.kind} {float(found['strength']):.4g}"
             f" ({hidden.size:.3f}) at node {found['node']}"
@@ -603,7 +604,7 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool, modes: b
             f"  {report.verdict} {'+'.join(report.reduced.best.names) or 'nothing'};"
             f" {report.recipe.splitlines()[0] if report.recipe else ''}; place {report.place};"
             f" values { {k: float(f'{v:.5g}') for k, v in report.values.items()} };"
-            f" worst sensor {after:.2f} times the noise; {time.process_time() - begun:.0f} s"
+            f" worst sensor {worst}; {time.process_time() - begun:.0f} s"
             f"  {'right' if outcome.good else 'WRONG' if outcome.wrong else 'not right'}"
             f"{'' if outcome.near is None else ', near' if outcome.near else ', not near'}"
         )

@@ -237,8 +237,8 @@ def main(first: int, count: int, wrong: bool, colour: float) -> None:
     """Print a line for each trial, and how many are right first, or named and wrong."""
     simulator, scores, places = told(), [], []
     stated = {"modulus": 1.0, "density": 1.0, "alpha": _ALPHA}
-    parameters = {name: (stated[name], size if wrong else None) for name, size in _WITHIN.items()}
-    parameters.pop("alpha" if not wrong else "")
+    told_of = [*_WITHIN] if wrong else ["modulus", "density"]
+    parameters = {name: (stated[name], _WITHIN[name] if wrong else None) for name in told_of}
     for seed in range(first, first + count):
         hidden, begun = hidden_of(seed, wrong), time.process_time()
         records = measured(hidden, seed, colour)
@@ -246,12 +246,13 @@ def main(first: int, count: int, wrong: bool, colour: float) -> None:
         good, there = right(hidden, report), holds(hidden, report)
         scores.append((good, report.verdict == "named" and not good))
         places += [] if there is None else [there]
-        after = max((e.after for e in report.sensor_errors), default=float("nan"))
+        errors = [e.after for e in report.sensor_errors]
+        worst = f"{max(errors):.2f} times the noise" if errors else "not simulated"
         click.echo(
             f"{seed}  {hidden.kind} {hidden.strength:.4g} at node {hidden.node}  ->"
             f"  {report.verdict} {'+'.join(report.reduced.best.names) or 'nothing'};"
             f" {report.recipe.splitlines()[0] if report.recipe else ''}; place {report.place};"
-            f" worst sensor {after:.2f} times the noise; {time.process_time() - begun:.0f} s"
+            f" worst sensor {worst}; {time.process_time() - begun:.0f} s"
             f"  {'right' if good else 'WRONG' if scores[-1][1] else 'not right'}"
             f"{'' if there is None else ', place within' if there else ', place not within'}"
         )
