@@ -19,6 +19,7 @@ from romsindy.typing import Array
 
 # Of q and q_dot, floats or (R,) arrays; under inputs of their force, too.
 Acceleration = Callable[..., Any]
+Force = Callable[[float], Any]  # of time
 # Accelerations that a motion may take: so many for each of its times, and for so many more. A cycle
 # takes some 300 to ten digits: motion that takes more is faster than its times show.
 _MOST, _AHEAD = 200, 1000
@@ -59,6 +60,17 @@ class _Course:
         self.left, self.place = self.left - 1, (t, q, q_dot)
         return q_ddot
 
+    def rates(self, t: float, y: Array, force: Force | None = None) -> tuple[float, float]:
+        """q_dot and q_ddot of one coordinate, under a force or free."""
+        q, q_dot = y.tolist()
+        return q_dot, self(t, q, q_dot) if force is None else self(t, q, q_dot, force(t))
+
+    def rates_of_several(self, t: float, y: Array, force: Force | None = None) -> Array:
+        """The same of several coordinates, (2 R,)."""
+        q, q_dot = y.reshape(2, -1)
+        push = () if force is None else (force(t),)
+        return np.concatenate([q_dot, self(t, q, q_dot, *push)])
+
     def escaped(self, how: str) -> EscapeError:
         """What is said of a motion that ends where it last was."""
         (_, *first), (t, *last) = self.start, self.place
@@ -83,20 +95,12 @@ def integrate_smooth(
     Raises an EscapeError if the motion cannot be followed to the last time.
     """
     followed = _Course(acceleration, state, t)
-
-    def rates(y: Array, now: float) -> tuple[float, float]:
-        q, q_dot = y.tolist()
-        return q_dot, followed(now, q, q_dot)
-
-    def several(y: Array, now: float) -> Array:
-        q, q_dot = y.reshape(state.shape)
-        return np.concatenate([q_dot, followed(now, q, q_dot)])
-
+    own = followed.rates if state.ndim == 1 else followed.rates_of_several
+    options = {"rtol": rtol, "atol": rtol * scale, "mxstep": followed.left, "tfirst": True}
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("error", ODEintWarning)
         try:
-            own = rates if state.ndim == 1 else several
-            y = odeint(own, state.ravel(), t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
+            y = odeint(own, state.ravel(), t, **options)
         except ODEintWarning as warning:
             raise followed.escaped(f"stops ({warning})") from None
     q, q_dot = np.moveaxis(y.reshape(len(t), *state.shape), 1, 0)
@@ -107,7 +111,7 @@ def integrate_steps(
     acceleration: Acceleration,
     state: Array,
     t: Array,
-    steps: Iterable[tuple[float, Callable[[float], Any]]],
+    steps: Iterable[tuple[float, Force]],
     rtol: float,
     scale: float,
 ) -> tuple[Array, Array]:
@@ -116,16 +120,7 @@ def integrate_steps(
     ``steps`` are their ends, all of t[1:] among them, with the force as a function of time.
     """
     followed = _Course(acceleration, state, t)
-
-    def rates(now: float, y: Array, force: Callable[[float], float]) -> list[float]:
-        q, q_dot = y.tolist()
-        return [q_dot, followed(now, q, q_dot, force(now))]
-
-    def several(now: float, y: Array, force: Callable[[float], Array]) -> Array:
-        q, q_dot = y.reshape(state.shape)
-        return np.concatenate([q_dot, followed(now, q, q_dot, force(now))])
-
-    own = rates if state.ndim == 1 else several
+    own = followed.rates if state.ndim == 1 else followed.rates_of_several
     y = _through(own, state.ravel(), t, steps, followed, rtol, rtol * scale)
     q, q_dot = np.moveaxis(y.reshape(len(t), *state.shape), 1, 0)
     return q, q_dot
@@ -136,7 +131,7 @@ def integrate_remembering(
     memories: Mapping[MemoryLaw, float],
     state: Array,
     t: Array,
-    steps: Iterable[tuple[float, Callable[[float], Any]]],
+    steps: Iterable[tuple[float, Force]],
     rtol: float,
     scale: float,
     rate: float,
@@ -169,7 +164,7 @@ def _through(
     rates: Callable[..., Any],
     start: Array,
     t: Array,
-    steps: Iterable[tuple[float, Callable[[float], Any]]],
+    steps: Iterable[tuple[float, Force]],
     followed: _Course,
     rtol: float,
     atol: float,
