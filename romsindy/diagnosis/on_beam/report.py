@@ -85,13 +85,13 @@ def next_release(
 
     ``noise`` (n_sensors,) are the standard deviations of the sensors, m.
     """
-    count = seen.shapes.shape[1]
+    count, prior = seen.shapes.shape[1], weights(rivals)
     modes = [ModesAtRest.of(beam_with(seen.beam, h.parts), count) for h in rivals]
-    prior = weights(rivals)
+    basis = seen.beam.modes(count=count)
     releases = [r for r in WAYS if seen.beam.right == FREE or r.at < 1]
-    shown = [
-        _told(seen, modes, _amplitudes(seen, r, record), record, noise, slack) for r in releases
-    ]
+    # Of the modes, kg^0.5 m, where the first is as large as in the record.
+    sizes = [r.amplitudes(seen.beam, basis.omega, basis.shapes) for r in releases]
+    shown = [_told(seen, modes, record.amplitude * a, record, noise, slack) for a in sizes]
     sure = [float(prior @ _posterior(prior, x)) for x in shown]
     best = int(np.argmax(sure))
     odds = min(sure[best] / max(1 - sure[best], 1 / MOST_ODDS), MOST_ODDS)
@@ -99,13 +99,6 @@ def next_release(
     own = [p.effect.advice for h in rivals for p in h.effects]
     test = releases[best]
     return Advice(test, test.words, odds, names, tuple(dict.fromkeys(own)))
-
-
-def _amplitudes(seen: InstrumentedBeam, release: ReleaseWay, record: Record) -> Array:
-    """Of the modes, kg^0.5 m, where the first is as large as in a record."""
-    count = seen.shapes.shape[1]
-    basis = seen.beam.modes(count=count)
-    return record.amplitude * release.amplitudes(seen.beam, basis.omega, basis.shapes)
 
 
 def _told(
