@@ -190,9 +190,9 @@ def _in_time(p: Prediction, gap: Gap) -> Picture:
     worst = f" in {p.title}, the worst" if len(gap.predictions) > 1 else ""
     before, after = p.left(p.before), p.left(p.after)
     caption = f"On {gap.where} the error before is {before}; after, {after}{worst}."
-    signals = (p.record.t, p.record.signal, p.misfit(p.before), p.misfit(p.after))
-    draw = partial(show.draw_errors_in_time, *signals, *_reading(p.record))
-    return Picture("gap", "Before and after", caption, draw)
+    missed = {"before": p.misfit(p.before), "after": p.misfit(p.after)}
+    channel = show.Compared(p.record.t, p.record.signal, missed, *_reading(p.record))
+    return Picture("gap", "Before and after", caption, partial(show.draw_over_time, channel))
 
 
 def _by_amplitude(p: Prediction, gap: Gap) -> Picture:

@@ -29,6 +29,7 @@ from romsindy.fit.records.driven import ForcedRecord, Sampled
 from romsindy.fit.verdict import AS_GOOD, CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
+from romsindy.record.noise import Noise
 from romsindy.text import left_over, percent, quantity, two_digits
 from romsindy.typing import Array
 
@@ -245,24 +246,24 @@ class ResidualReport(Explained):
         channel = int(np.argmax(np.std(every[2], axis=1)))
         signal, before, after = every[:, channel]
         before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
-        name, unit = record.decay.measured, self.gap.unit
         both = f"{percent(self.gap.before)} of the response before, "
         both += f"{percent(self.gap.after)} after"
         of = "Of the held-out record" if self.gap.where == UNSEEN else f"Of record {worst + 1}"
         of += f", channel {channel + 1}" if every.shape[1] > 1 else ""
-        given = (signal, before, after, name, unit)
-        spectra = (record.decay.dt, noise_std(record), *given)
+        missed = {"before": before, "after": after}
+        given = show.Compared(record.t, signal, missed, record.decay.measured, self.gap.unit)
+        noisy = replace(given, noise=Noise.white(noise_std(record), record.decay.dt))
         time = Picture(
             "time",
             "The records and what is missed",
             f"{of}; of all records {both}.",
-            partial(show.draw_errors_in_time, record.t, *given),
+            partial(show.draw_over_time, given),
         )
         spectrum = Picture(
             "spectrum",
             "At which frequencies it is missed",
             f"{of}, and the noise where the spectrum is quietest.",
-            partial(show.draw_error_spectra, *spectra),
+            partial(show.draw_spectra, {"": show.spectrum_of(noisy)}),
         )
         return {p.name: p for p in (time, spectrum)}
 

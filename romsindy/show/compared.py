@@ -236,17 +236,6 @@ _LOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-def draw_errors_in_time(
-    t: Array, measured: Array, before: Array, after: Array, quantity: str, unit: str, figure: Figure
-) -> None:
-    """A record, and what a simulation misses of it before and after; all (n,).
-
-    nan where nothing is compared. The simulated motions show where one can zoom.
-    """
-    missed = {"before": before, "after": after}
-    draw_over_time(Compared(t, measured, missed, quantity, unit), figure)
-
-
 def draw_backbones(
     backbones: Mapping[str, Backbone], quantity: str, unit: str, figure: Figure
 ) -> None:
@@ -330,19 +319,3 @@ def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figur
     log_ratio(ax)
     ax.set_ylim(bottom=min(0.5, 0.7 * float(np.nanmin(after))))
     ax.legend(frameon=False, fontsize="small", ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
-
-
-def draw_error_spectra(
-    dt: float,
-    noise: float,
-    measured: Array,
-    before: Array,
-    after: Array,
-    quantity: str,
-    unit: str,
-    figure: Figure,
-) -> None:
-    """Spectra of a record and of what is missed of it, (n,), beside white noise of this rms."""
-    t, missed = dt * np.arange(len(measured)), {"before": before, "after": after}
-    channel = Compared(t, measured, missed, quantity, unit, Noise.white(noise, dt))
-    draw_spectra({"": spectrum_of(channel)}, figure)
