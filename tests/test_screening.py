@@ -9,6 +9,7 @@ from romsindy.diagnosis.on_simulator.candidates import (
     best_of_each,
     little_of,
 )
+from romsindy.diagnosis.on_simulator.simulator_rounds import beside_known, refuted_by
 from romsindy.effects import CubicStiffness, DryFriction, LinearFrequency, Viscous
 from romsindy.effects.base import Scales
 from romsindy.effects.stiffness import TwoSidedGap
@@ -69,3 +70,22 @@ def test_little_of_an_effect_is_a_thousandth_of_the_restoring_force():
         "dry_friction": 1e-3 * omega**2 * q,
     }
     assert strengths == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_is_known_to_a_standard_deviation_is_taken_off_as_that():
+    """Chi-square with the covariance that columns of standard deviation 1 add, by its inverse."""
+    rng = np.random.default_rng(2)
+    left, known = rng.normal(size=30), rng.normal(size=(30, 4))
+    expected = left @ np.linalg.solve(np.eye(30) + known @ known.T, left)
+    assert beside_known(left, known) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_part_of_what_nothing_explains_may_go_with_any_explanation():
+    """Of 1,000 samples: noise alone counts in full, 4 times the noise but what a half of it leaves.
+
+    Where the least is 4,000 three quarters of that are no noise: half of these go off 3,000.
+    """
+    left = np.array([1000.0, 1030.0])
+    assert refuted_by(left, 0.5, 1000).tolist() == [0.0, 30.0]
+    left = np.array([4000.0, 7000.0, 5400.0])
+    assert refuted_by(left, 0.5, 1000).tolist() == [0.0, (3000 - 1500) / 4, 0.0]

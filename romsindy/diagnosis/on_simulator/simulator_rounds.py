@@ -72,7 +72,9 @@ _DETUNED = 2e-3
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
 _HARMONICS = 3  # of the slow mode, which the form of the equation leaves
-_UNEXPLAINED = 0.2  # of what no explanation explains: by so much one may seem better than another
+# Of what no explanation explains: by so much one may seem better than another, beside the first
+# mode, and in whole records, of which the first mode is most
+_UNEXPLAINED, _HALF = 0.2, 0.5
 
 
 @dataclass(eq=False)
@@ -323,36 +325,54 @@ class SimulatorRounds(Rounds):
         values = tuple(p for p in found.parts if p.tolerance is not None)
         base, first = found._replace(parts=values), self.structure
         read = [self._read(i) for i in range(self.n_training)]
-        left = {told: self._left_by(read, found.parts)}
+        begins = [c.release._replace(state=c.start) for c in found.corrected]
+        left = {told: self._left_by(read, found.parts, begins)}
         promising = self._promising(base)
-        fits: dict[Names, tuple[tuple[Part, ...], OnSimulator, list[Beginning | None]]] = {}
+        fits: dict[Names, tuple[tuple[Part, ...], OnSimulator, list[Beginning]]] = {}
         tried = [((), first), *(((c.part,), c.there) for c in promising)]
         for more, self.structure in tried if promising else ():
             names = frozenset(p.effect.name for p in more)
             self.options.progress(f"all sensors beside {' + '.join(names) or 'values alone'}")
             try:
                 parts = self._grown(base._replace(parts=(*values, *more)))
-                misfit = self._left_by(read, parts)
+                own = self._left_by(read, parts, self.releases)
             except self.structure.failures:  # what it leads to cannot be simulated
                 continue
-            fits[names] = parts, self.structure, self.releases
-            left[names] = min(misfit, left.get(names, np.inf))
-        best = min(left, key=lambda names: left[names])
-        noise = noise_of(left[best], read)
-        misfits = {names: tells(x - left[best], left[best], noise) for names, x in left.items()}
+            fits[names] = parts, self.structure, [*self.releases]
+            left[names] = np.minimum(own, left.get(names, np.inf))
+        table = np.array([*left.values()])
+        shares = zip(table.T, (_UNEXPLAINED, _HALF), self._heard_of(read), strict=True)
+        rises = np.sum([refuted_by(*row) for row in shares], axis=0)
+        misfits = dict(zip(left, (rises - rises.min()).tolist(), strict=True))
         price = float(np.log(sum(r.count for r in self.records)))
         if misfits[told] < price + EQUIVALENT:
             return found
+        best = min(misfits, key=lambda names: misfits[names])
         parts, self.structure, self.releases = fits[best]
         self.elsewhere, self.decided, self.own = misfits, True, parts
         asked = {p.effect.name for more, _ in tried for p in more} | told
         self.general = [e for e in self.general if e.name in asked]
         return self.run((), self.simulate(parts), parts)
 
-    def _left_by(self, read: Sequence[Readings], parts: tuple[Part, ...]) -> float:
-        """Chi-square that the structure with some parts leaves of all sensors, and of values."""
+    def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
+        """Samples of all sensors beside the first mode, and of whole records."""
+        beside = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
+        return beside, sum(self._measured(i)[0].size for i in range(self.n_training))
+
+    def _left_by(
+        self, read: Sequence[Readings], parts: tuple[Part, ...], releases: Sequence[Beginning]
+    ) -> Array:
+        """Chi-squares that the structure with some parts leaves, and of values, (2,).
+
+        Of all sensors beside the first mode, while these are heard, and of whole records.
+        """
         asked = [(i, parts, r, self.structure) for i, r in enumerate(read)]
-        return self._left(read, [*map(whole, self._motions(asked))]) + prior_cost(parts)
+        beside = self._left(read, [*map(whole, self._motions(asked))])
+        begins = zip(range(self.n_training), releases, strict=False)
+        moved = self._now([(self.structure, i, parts, r) for i, r in begins], np.inf)
+        rows = [(n.left, self._allowed(i, n)) for i, n in enumerate(map(whole, moved))]
+        known = prior_cost(parts)
+        return np.array([beside, sum(map(beside_known, *zip(*rows, strict=True)))]) + known
 
     def _promising(self, base: Outcome) -> list[Candidate]:
         """What may be missing beside values within tolerances, the likeliest first.
@@ -752,13 +772,26 @@ def left_of(
     return without(table[:, :n], table[:, n:]) if free else table
 
 
-def tells(rise: float, least: float, noise: float) -> float:
+def tells(rise: float, least: float, noise: float, unexplained: float = _UNEXPLAINED) -> float:
     """Chi-square that a misfit counts for beyond the least of all, which is ``noise`` times noise.
 
     What even the best leaves beside noise is an error of the simulator, such as modes that ring
     otherwise at large amplitude. It may go with any explanation, and with any place.
     """
-    return max(rise - _UNEXPLAINED * least * (1 - 1 / noise), 0.0) / noise
+    return max(rise - unexplained * least * (1 - 1 / noise), 0.0) / noise
+
+
+def refuted_by(left: Array, unexplained: float, samples: int) -> Array:
+    """What chi-squares of several explanations count for against each, see `tells`."""
+    least = float(left.min())
+    noise = max(least / samples, 1.0)
+    return np.array([tells(x - least, least, noise, unexplained) for x in left.tolist()])
+
+
+def beside_known(left: Array, known: Array) -> float:
+    """Chi-square of what is left, (m,), where columns (m, k) may be in it, once each."""
+    along = known.T @ left
+    return float(left @ left - along @ np.linalg.solve(np.eye(len(along)) + known.T @ known, along))
 
 
 def chi_squared(rows: Sequence[Array]) -> float:
