@@ -8,6 +8,7 @@ from romsindy.diagnosis.on_simulator.candidates import (
     LinearLook,
     best_of_each,
     little_of,
+    matters,
 )
 from romsindy.diagnosis.on_simulator.simulator_rounds import beside_known, refuted_by
 from romsindy.effects import CubicStiffness, DryFriction, LinearFrequency, Viscous
@@ -59,7 +60,7 @@ def test_friction_is_no_source_of_energy():
 
 
 def test_little_of_an_effect_is_a_thousandth_of_the_restoring_force():
-    """By hand; what has another value than a strength and an exponent is not looked at so."""
+    """By hand, and less does not matter. Laws with further values are not looked at so."""
     effects = (LinearFrequency(), Viscous(), CubicStiffness(), DryFriction(), TwoSidedGap())
     strengths = {c.part.effect.name: c.part.strengths[0, 0] for c in _little(*effects)}
     q, omega = SCALES.amplitude, SCALES.omega
@@ -70,6 +71,9 @@ def test_little_of_an_effect_is_a_thousandth_of_the_restoring_force():
         "dry_friction": 1e-3 * omega**2 * q,
     }
     assert strengths == pytest.approx(expected, rel=1e-9)
+    (candidate,) = _little(LinearFrequency())
+    less = candidate.part.moved(-0.1 * candidate.part.values)
+    assert matters(candidate.part, SCALES) and not matters(less, SCALES)
 
 
 def test_what_is_known_to_a_standard_deviation_is_taken_off_as_that():

@@ -198,7 +198,7 @@ def _distance(places: Array, others: Array) -> Array:
 # -- a linear look --------------------------------------------------------------------------------
 
 _NEW = 1e-9  # of a column beside others
-_LITTLE = 1e-3  # of the restoring force: a strength of which a linear look is told
+_LITTLE = 1e-3  # of the restoring force: half as much in frequency, which does not matter
 
 
 class Candidate(NamedTuple):
@@ -256,6 +256,15 @@ def little_of(
         if here.with_effects([little]):
             found.append(little)
     return found
+
+
+def matters(part: Part, scales: Scales) -> bool:
+    """Whether it does as much to the first mode as a little of it: less changes other modes alone.
+
+    So may the mesh and the steps in time of a simulator, which no effect of a size explains.
+    """
+    assert isinstance(part.effect, TermEffect)  # as all of `little_of`
+    return bool(abs(part.strengths[0, 0]) >= _strength(part.effect, scales))
 
 
 def _strength(effect: TermEffect, scales: Scales) -> float:

@@ -27,6 +27,7 @@ from romsindy.diagnosis.on_simulator.candidates import (
     PlaceSearch,
     best_of_each,
     little_of,
+    matters,
 )
 from romsindy.diagnosis.on_simulator.seen import (
     AskedMotion,
@@ -305,6 +306,7 @@ class SimulatorRounds(Rounds):
         values within theirs: the first mode may not have asked for it.
         """
         told, before = found.report.best, (self.structure, self.own, self.variances, self.place)
+        said = self.elsewhere, self.decided, self.general
         there = bool(told.names) and self.can_have(told.effects)
         enough = self.own_error(found.corrected) <= (_ASTRAY if there else _CLOSE)
         if found.trouble or self.options.over or enough or names_of(told) in self.compared:
@@ -316,6 +318,7 @@ class SimulatorRounds(Rounds):
             again = found
         if again is found or again.trouble:
             self.structure, self.own, self.variances, self.place = before
+            self.elsewhere, self.decided, self.general = said
             self.return_to(found.corrected)
             return found
         return again
@@ -323,7 +326,7 @@ class SimulatorRounds(Rounds):
     def _compared(self, found: Outcome, told: Names) -> Outcome:
         """The same, unless something leaves less of all sensors: then what is found with that."""
         values = tuple(p for p in found.parts if p.tolerance is not None)
-        base, first = found._replace(parts=values), self.structure
+        base, first, known = found._replace(parts=values), self.structure, scales(self.records)
         read = [self._read(i) for i in range(self.n_training)]
         begins = [c.release._replace(state=c.start) for c in found.corrected]
         left = {told: self._left_by(read, found.parts, begins)}
@@ -337,6 +340,8 @@ class SimulatorRounds(Rounds):
                 parts = self._grown(base._replace(parts=(*values, *more)))
                 own = self._left_by(read, parts, self.releases)
             except self.structure.failures:  # what it leads to cannot be simulated
+                continue
+            if not all(matters(p, known) for p in parts[len(values) :]):
                 continue
             fits[names] = parts, self.structure, [*self.releases]
             left[names] = np.minimum(own, left.get(names, np.inf))
@@ -352,7 +357,8 @@ class SimulatorRounds(Rounds):
         self.elsewhere, self.decided, self.own = misfits, True, parts
         asked = {p.effect.name for more, _ in tried for p in more} | told
         self.general = [e for e in self.general if e.name in asked]
-        return self.run((), self.simulate(parts), parts)
+        again = self.run((), self.simulate(parts), parts)
+        return again if names_of(again.report.best) == best else found
 
     def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
         """Samples of all sensors beside the first mode, and of whole records."""
@@ -379,7 +385,8 @@ class SimulatorRounds(Rounds):
 
         It is looked for among points that are far from each other, then near the likeliest.
         """
-        here, end = self.structure, _FIRST * 2 * np.pi / min(r.rate for r in self.records)
+        here, known = self.structure, scales(self.records)
+        end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
         parts = self._grown(base, end)
         releases = self.releases[: self.n_training]
         now = [*map(whole, self._now([(here, i, parts, r) for i, r in enumerate(releases)], end))]
@@ -397,7 +404,7 @@ class SimulatorRounds(Rounds):
                     found.append(look.with_strength(c, np.concatenate([*map(np.ravel, changes)])))
             return found
 
-        little = little_of(self.general, here, scales(self.records), len(self.records))
+        little = little_of(self.general, here, known, len(self.records))
         search = PlaceSearch(here.points, here.at_point, lambda *_: (), lambda *_: 0.0)
         far = here.at(search.apart()) if here.points else [here]
         asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
@@ -407,7 +414,7 @@ class SimulatorRounds(Rounds):
                 found += told_by(
                     [c._replace(there=t) for t in here.at(search.nearest(c.there.at_point))]
                 )
-        best = best_of_each(found)
+        best = best_of_each([c for c in found if matters(c.part, known)])
         least = float(look.left @ look.left) - max((c.gain for c in best), default=0.0)
         noise = max(least / len(look.left), 1.0)
         return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
@@ -428,8 +435,7 @@ class SimulatorRounds(Rounds):
         """What gains of sensors and frequencies of other modes may change in a record."""
         x, t = now.readings, self.records[i].t[: len(now.readings)]
         rung = x - FirstMode.of(self.structure.coordinate(x), x, t).readings
-        detuned = _DETUNED * t[:, None] * np.gradient(rung, t, axis=0)
-        columns = [*(GAINS * y for y in by_gains(x)), detuned]
+        columns = [*(GAINS * y for y in by_gains(x)), *detuned(rung, t)]
         return np.stack([(y / now.noise).ravel() for y in columns], axis=1)
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
@@ -762,7 +768,7 @@ def left_of(
     later = np.gradient(rung, read.t, axis=0)
     turned = later * np.linalg.norm(rung) / max(float(np.linalg.norm(later)), 1e-300)
     errors, free = first.errors(read.t, rate), [rung, turned]
-    errors.append(_DETUNED * read.t[:, None] * later)
+    errors += detuned(rung, read.t)
     if not begins.turns:
         errors, free = [*errors, *(_RINGS * x for x in free)], []
     known = [read.measured - motion, *(GAINS * x for x in by_gains(motion))]
@@ -770,6 +776,18 @@ def left_of(
     table = with_errors(table, read.over_noise(errors, seen.shape))
     n = len(known)
     return without(table[:, :n], table[:, n:]) if free else table
+
+
+def detuned(rung: Array, t: Array) -> list[Array]:
+    """What frequencies of other modes change of their readings (n, n_sensors), to a deviation each.
+
+    Of all of them by the same part, and by parts that grow with their square, as of what meshes and
+    steps in time leave.
+    """
+    later = np.gradient(rung, t, axis=0)
+    sooner = np.gradient(np.gradient(later, t, axis=0), t, axis=0)
+    size = float(np.linalg.norm(later)) / max(float(np.linalg.norm(sooner)), 1e-300)
+    return [_DETUNED * t[:, None] * x for x in (later, size * sooner)]
 
 
 def tells(rise: float, least: float, noise: float, unexplained: float = _UNEXPLAINED) -> float:
