@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
+from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects.base import Effect, Scales, TermEffect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.verdict import PLACE, PLACE_RISE
@@ -253,6 +254,7 @@ def little_of(
             continue
         part = Part.of(effect, scales, n_records, [p.starts[0] for p in known])
         little = replace(part, strengths=np.array([[_strength(effect, scales)]]))
+        little = with_textbook_exponent(little)  # one that is free takes the place of a strength
         if here.with_effects([little]):
             found.append(little)
     return found

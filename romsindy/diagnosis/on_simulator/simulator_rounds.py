@@ -59,8 +59,8 @@ _ASTRAY = 2.0  # the same that a mode leaves which has lost step, at least
 _LARGER = 1e-3  # beginning of a record, for what a change of it does
 _STEP = 0.01  # of a value, for what a change of it does
 _TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
-# Cycles of the first look at all sensors, steps of each, and how much longer the next is
-_FIRST, _STEPS, _LONGER = 1.0, 2, 2.0
+# Cycles of the first look at all sensors, steps of each at most, and how much longer the next is
+_FIRST, _STEPS, _LONGER = 1.0, 6, 2.0
 _LISTENED = 3  # times that all sensors are heard, each with the best so far in the simulator
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
@@ -573,8 +573,12 @@ class SimulatorRounds(Rounds):
         while True:
             asked = [(self.structure, i, parts, r) for i, r in enumerate(releases)]
             now = [*map(whole, self._now(asked, end))]
+            left = self._misfit(parts, now)
             for _ in range(_STEPS):
                 parts, now = self._after_step(parts, now, end)
+                last, left = left, self._misfit(parts, now)
+                if left > _NO_LESS * last:
+                    break
             releases = [n.release for n in now]
             if end >= longest:
                 break
