@@ -219,11 +219,15 @@ class SimulatorRounds(Rounds):
     def over_all_sensors(self, found: Outcome) -> Outcome:
         """What is found once all sensors, and the modes that ring, have their say.
 
-        What leaves more of them than noise is compared with all that may be missing.
+        What leaves more of them than noise is compared with all that may be missing: what is told
+        once it was heard, for its place may be another.
         """
         if len(self.structure.shape) == 1:
             return found
-        found = self._heard_out(self._with_one_more(found))
+        told = found.report.best
+        if not (told.names and self.can_have(told.effects)):
+            found = self._with_one_more(found)
+        found = self._heard_out(found)
         again = self._with_one_more(found)
         return found if again is found else self._heard_out(again)
 
