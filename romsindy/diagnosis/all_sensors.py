@@ -132,5 +132,9 @@ def noise_of(least: float, read: Sequence[Readings]) -> float:
 
     Where no explanation leaves noise alone, it is what the best leaves.
     """
-    samples = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
-    return max(least / samples, 1.0)
+    return max(least / samples_beside(read), 1.0)
+
+
+def samples_beside(read: Sequence[Readings]) -> int:
+    """Samples of what was read beside the first mode, of all sensors."""
+    return sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)

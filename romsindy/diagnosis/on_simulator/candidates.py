@@ -76,43 +76,20 @@ class PlaceOnStructure:
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceSearch:
-    """Looks for the place of something among points, from afar to near.
-
-    Where there are no ``points`` it is at the ``own`` one, which is tried before all others, and
-    kept unless another one is better beyond doubt. ``misfits`` are those of points on a part of
-    the readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
-    """
+class Points:
+    """Points of a structure at which something may act, ``own`` if nothing else is known."""
 
     points: Mapping[str, Array]
     own: str
-    misfits: Callable[[Sequence[str], float], Sequence[float]]
-    tells: Callable[[float, float, float], float]
-    known: dict[tuple[str, float], float] = field(default_factory=dict)
-
-    def left(self, points: Iterable[str], share: float = 1.0) -> dict[str, float]:
-        """The misfits of points; each is asked once."""
-        names = [*points]
-        new = [name for name in names if (name, share) not in self.known]
-        if new:
-            rows = zip(new, self.misfits(new, share), strict=True)
-            self.known.update({(name, share): misfit for name, misfit in rows})
-        return {name: self.known[name, share] for name in names}
 
     @cached_property
     def places(self) -> Array:
         """Of all points, (n, 3)."""
         return np.array([*self.points.values()])
 
-    @cached_property
-    def first(self) -> float:
-        """The least misfit on the first cycles of points that are far from each other."""
-        far = self.apart() if self.points else [self.own]
-        return min(self.left(far, _LEVELS[0][0]).values())
-
     def apart(self) -> list[str]:
         """Points far from each other, the own one among them."""
-        return self._apart({self.own}, np.inf, _LEVELS[0][1])[0]
+        return self.spread({self.own}, np.inf, _LEVELS[0][1])[0]
 
     def nearest(self, point: str) -> list[str]:
         """Points about another one, the nearest first."""
@@ -120,7 +97,7 @@ class PlaceSearch:
         names = [*self.points]
         return [names[i] for i in np.argsort(apart)[1 : 1 + _AROUND]]
 
-    def _apart(self, likely: Collection[str], reach: float, more: int) -> tuple[list[str], float]:
+    def spread(self, likely: Collection[str], reach: float, more: int) -> tuple[list[str], float]:
         """Likely points, the own one and so many ``more`` within reach, far from each other.
 
         As second how far the rest within reach is from them.
@@ -140,6 +117,35 @@ class PlaceSearch:
     def _close(self) -> float:
         return _CLOSE * float(np.linalg.norm(np.ptp(self.places, axis=0)))
 
+
+@dataclass(frozen=True, eq=False)
+class PlaceSearch(Points):
+    """Looks for the place of something among points, from afar to near.
+
+    Where there are no ``points`` it is at the ``own`` one, which is tried before all others, and
+    kept unless another one is better beyond doubt. ``misfits`` are those of points on a part of
+    the readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
+    """
+
+    misfits: Callable[[Sequence[str], float], Sequence[float]]
+    tells: Callable[[float, float, float], float]
+    known: dict[tuple[str, float], float] = field(default_factory=dict)
+
+    def left(self, points: Iterable[str], share: float = 1.0) -> dict[str, float]:
+        """The misfits of points; each is asked once."""
+        names = [*points]
+        new = [name for name in names if (name, share) not in self.known]
+        if new:
+            rows = zip(new, self.misfits(new, share), strict=True)
+            self.known.update({(name, share): misfit for name, misfit in rows})
+        return {name: self.known[name, share] for name in names}
+
+    @cached_property
+    def first(self) -> float:
+        """The least misfit on the first cycles of points that are far from each other."""
+        far = self.apart() if self.points else [self.own]
+        return min(self.left(far, _LEVELS[0][0]).values())
+
     def likeliest(self, most: float = np.inf) -> tuple[float, PlaceOnStructure | None]:
         """The least misfit, and its place.
 
@@ -150,7 +156,7 @@ class PlaceSearch:
             return self.left([self.own])[self.own], None
         likely, reach = {self.own}, np.inf
         for level, (share, more) in enumerate(_LEVELS):
-            chosen, reach = self._apart(likely, reach, more)
+            chosen, reach = self.spread(likely, reach, more)
             left = self.left(chosen, share)
             least = min(left.values())
             if level and least > most and not self._alike(least, most, share):

@@ -16,6 +16,7 @@ from romsindy.diagnosis.all_sensors import (
     by_gains,
     followed,
     noise_of,
+    samples_beside,
     with_errors,
     without,
 )
@@ -25,6 +26,7 @@ from romsindy.diagnosis.on_simulator.candidates import (
     LinearLook,
     PlaceOnStructure,
     PlaceSearch,
+    Points,
     best_of_each,
     little_of,
     matters,
@@ -366,8 +368,8 @@ class SimulatorRounds(Rounds):
 
     def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
         """Samples of all sensors beside the first mode, and of whole records."""
-        beside = sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
-        return beside, sum(self._measured(i)[0].size for i in range(self.n_training))
+        whole_records = sum(self._measured(i)[0].size for i in range(self.n_training))
+        return samples_beside(read), whole_records
 
     def _left_by(
         self, read: Sequence[Readings], parts: tuple[Part, ...], releases: Sequence[Beginning]
@@ -409,14 +411,14 @@ class SimulatorRounds(Rounds):
             return found
 
         little = little_of(self.general, here, known, len(self.records))
-        search = PlaceSearch(here.points, here.at_point, lambda *_: (), lambda *_: 0.0)
-        far = here.at(search.apart()) if here.points else [here]
+        points = Points(here.points, here.at_point)
+        far = here.at(points.apart()) if here.points else [here]
         asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
         found = told_by(asked)
         for c in best_of_each(found)[:_FEW] if here.points else ():
             if here.acts([c.part]):
                 found += told_by(
-                    [c._replace(there=t) for t in here.at(search.nearest(c.there.at_point))]
+                    [c._replace(there=t) for t in here.at(points.nearest(c.there.at_point))]
                 )
         best = best_of_each([c for c in found if matters(c.part, known)])
         least = float(look.left @ look.left) - max((c.gain for c in best), default=0.0)
@@ -617,7 +619,7 @@ class SimulatorRounds(Rounds):
     def _misfit(self, parts: Sequence[Part], now: Sequence[Now]) -> float:
         """Chi-square of what motions leave of records to learn from, and of values."""
         left = sum(float(np.sum(n.left**2)) for n in now[: self.n_training])
-        return left + float(np.sum(_off_known(parts) ** 2))
+        return left + prior_cost(parts)
 
     def _now(
         self, asked: Sequence[tuple[OnSimulator, int, Sequence[Part], Beginning]], end: float
