@@ -99,7 +99,7 @@ def test_modes_that_ring_are_stiffened_and_driven_by_the_first(held_by, stiffer)
 
 
 def test_motions_side_by_side_are_those_of_each_alone():
-    """With forces, masses and values of their own, over other times; one leaves what is known."""
+    """With forces, masses and values of their own, over other times; some have no motion."""
     simulator = _structure(200.0, 0.4, stiffer=900.0).simulator(SENSORS, damping=Damping(alpha=0.3))
     spring = LawForce(((Stiffness(1), 4.0), (PowerDamping(1), 0.3)), 1.0, 0.5)
     asked = [
@@ -109,13 +109,19 @@ def test_motions_side_by_side_are_those_of_each_alone():
         Question(0.08, T, lambda t, x, v: 40 * v, {}, "1:1"),
         Question(5.0, T),
         Question(0.1, T[::2], lambda t, x, v: -0.1 * v, {"alpha": 0.1}),
+        Question(0.1, T, None, {"mass": -50.0}, "1:1"),
     ]
     found = simulator.together(asked)
     for i in (0, 1, 2, 5):
         release, t, force, values, point = asked[i]
         alone = simulator.simulate(release, t, force, point, **values)
         assert np.abs(found[i] - alone).max() < 1e-10 * np.abs(alone).max()
-    for i, message in ((3, "the motion leaves the range"), (4, "the release 5 is beyond")):
+    refused = {
+        3: "the motion leaves the range",
+        4: "the release 5 is beyond",
+        6: "not positive: hold",
+    }
+    for i, message in refused.items():
         assert isinstance(found[i], ValueError) and message in str(found[i])
 
 
