@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.memory import MemoryEffect, SmallMass
-from romsindy.fit.kernel.part import SMOOTHING, Model, Part, free_coefficients
+from romsindy.fit.kernel.part import SMOOTHING, Model, Part, free_coefficients, priors
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.coupling import Along
 from romsindy.physics.memory import MemoryLaw
@@ -257,18 +257,3 @@ def solved(a: Array, b: Array) -> Array:
         return dpotrs(factor, b * wide)[0] * wide
     axes, sizes = _told_apart(scaled)
     return (axes / sizes) @ (axes.T @ (b * wide)) * wide
-
-
-def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
-    """Values known beforehand: place among all, what is known minus the value, and its spread."""
-    known, at = [], 0
-    for part in parts:
-        for value in part.strengths.ravel():
-            if part.tolerance is not None:
-                known.append((at, part.near - float(value), part.tolerance))
-            at += 1
-        for value, p in zip(part.shape, part.parameters, strict=True):
-            if p.spread is not None:
-                known.append((at, p.starts[0] - float(value), p.spread))
-            at += 1
-    return known

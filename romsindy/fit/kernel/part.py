@@ -182,15 +182,24 @@ def columns_of(parts: Sequence[Part], record: int) -> Indices:
     return np.array(found, int)
 
 
-def prior_cost(parts: Sequence[Part]) -> float:
-    cost = 0.0
+def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
+    """Values known beforehand: place among all, what is known minus the value, and its spread."""
+    known, at = [], 0
     for part in parts:
-        if part.tolerance is not None:
-            cost += float(np.sum(((part.strengths - part.near) / part.tolerance) ** 2))
+        for value in part.strengths.ravel():
+            if part.tolerance is not None:
+                known.append((at, part.near - float(value), part.tolerance))
+            at += 1
         for value, p in zip(part.shape, part.parameters, strict=True):
             if p.spread is not None:
-                cost += float((value - p.starts[0]) / p.spread) ** 2
-    return cost
+                known.append((at, p.starts[0] - float(value), p.spread))
+            at += 1
+    return known
+
+
+def prior_cost(parts: Sequence[Part]) -> float:
+    """Chi-square of values, by what was known of them beforehand."""
+    return sum((off / spread) ** 2 for _, off, spread in priors(parts))
 
 
 @dataclass(frozen=True)

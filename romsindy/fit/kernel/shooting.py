@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.hypothesis import NormalEquations, priors
+from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import nodes, sensitivity
 from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.part import (
@@ -40,6 +40,7 @@ from romsindy.fit.kernel.part import (
     limits,
     moved_parts,
     prior_cost,
+    priors,
 )
 from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
 from romsindy.physics.equations import Equations
