@@ -12,8 +12,8 @@ from sklearn.model_selection import GridSearchCV
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.judged import Judged
-from romsindy.show import beam as beam_plots
 from romsindy.show import plots
+from romsindy.show import structure as of_structure
 from romsindy.show.axes import look, with_unit
 from romsindy_study.experiment import ORDER, Trial
 from romsindy_study.system import System
@@ -27,17 +27,17 @@ def modes(figure: Figure, system: System) -> None:
     left, right = figure.subplots(1, 2)
     released = system.beam.release_shape(system.beam.length / 3)
     shapes = {"equilibrium": system.beam.equilibrium(), "released": released}
-    beam_plots.plot_shapes(shapes, ax=left)
-    beam_plots.plot_modes(system.modes, ax=right)
+    of_structure.plot_shapes(shapes, ax=left)
+    of_structure.plot_modes(system.modes, ax=right)
     right.set_ylim(-6, 11)  # room for the legend
 
 
 def coupling(figure: Figure, system: System) -> None:
     """Undamped modal responses, and q_2 and q_3 against q_1 (fig. 3)."""
     left, right = figure.subplots(1, 2)
-    beam_plots.plot_modal_responses(system.undamped, ax=left, scale=True)
+    of_structure.plot_modal_responses(system.undamped, ax=left, scale=True)
     left.set(xlim=(0, 0.6), ylim=(-1.9, 1.1))  # room for the legend
-    beam_plots.plot_coupling(system.undamped, ax=right)
+    of_structure.plot_coupling(system.undamped, ax=right)
 
 
 def decay(figure: Figure, system: System) -> None:
@@ -50,7 +50,7 @@ def cycles(figure: Figure, system: System) -> None:
     left, right = figure.subplots(1, 2)
     models = {f"direct, order {o}": system.direct[o] for o in (5, 9)}
     plots.plot_backbone(system.backbone, models, ax=left)
-    beam_plots.plot_normal_mode(system.normal_mode, left)
+    of_structure.plot_normal_mode(system.normal_mode, left)
     plots.plot_damping(system.backbone, ax=right)
 
 
@@ -77,7 +77,7 @@ def headline(figure: Figure, system: System, candidates: Sequence[Judged]) -> No
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     names = {c.name.replace(" 5", ", order 5"): c.model for c in candidates}
     plots.plot_backbone(system.backbone, names, ax=left)
-    beam_plots.plot_normal_mode(system.normal_mode, left)
+    of_structure.plot_normal_mode(system.normal_mode, left)
     errors(right, system.backbone, candidates)
 
 

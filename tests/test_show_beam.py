@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
 
 from romsindy.beam import Beam
-from romsindy.show.beam import (
+from romsindy.show.structure import (
     plot_coupling,
     plot_modal_responses,
     plot_modes,
