@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from romsindy.diagnosis.all_sensors import beside_known, refuted_by
 from romsindy.diagnosis.on_simulator.candidates import (
     Candidate,
     LinearLook,
@@ -10,7 +11,6 @@ from romsindy.diagnosis.on_simulator.candidates import (
     little_of,
     matters,
 )
-from romsindy.diagnosis.on_simulator.simulator_rounds import beside_known, refuted_by
 from romsindy.effects import CubicStiffness, DryFriction, LinearFrequency, Viscous
 from romsindy.effects.base import Scales
 from romsindy.effects.stiffness import TwoSidedGap

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.diagnosis.all_sensors import Readings
+from romsindy.diagnosis.all_sensors import Readings, chi_squared
 from romsindy.diagnosis.on_simulator.seen import (
     Beginning,
     ForceScale,
@@ -25,11 +25,7 @@ from romsindy.diagnosis.on_simulator.seen import (
     ValueEffect,
     turning_points,
 )
-from romsindy.diagnosis.on_simulator.simulator_rounds import (
-    SimulatorRounds,
-    chi_squared,
-    left_of,
-)
+from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds, left_of
 from romsindy.diagnosis.on_simulator.workflow import _reduced, _shape, _value_effect
 from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import Options, screen, with_textbook_exponent

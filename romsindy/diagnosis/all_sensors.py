@@ -21,6 +21,10 @@ from romsindy.typing import Array
 GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 # Standard deviations of a first mode that follows the coordinate: rad, and as a part of it
 _PHASE, _SIZE = 0.02, 0.01
+# Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
+_DETUNED = 2e-3
+# Of what no explanation explains: by so much one may seem better than another
+UNEXPLAINED = 0.2
 _NEW = 1e-9  # of a column beside others
 _CYCLES = 12  # once it is calm: over these all sensors are heard
 
@@ -138,3 +142,44 @@ def noise_of(least: float, read: Sequence[Readings]) -> float:
 def samples_beside(read: Sequence[Readings]) -> int:
     """Samples of what was read beside the first mode, of all sensors."""
     return sum((len(r.t) - r.first) * (r.measured.shape[1] - 1) for r in read)
+
+
+def detuned(rung: Array, t: Array) -> list[Array]:
+    """What frequencies of other modes change of their readings (n, n_sensors), to a deviation each.
+
+    Of all of them by the same part, and by parts that grow with their square, as of what meshes and
+    steps in time leave.
+    """
+    later = np.gradient(rung, t, axis=0)
+    sooner = np.gradient(np.gradient(later, t, axis=0), t, axis=0)
+    size = float(np.linalg.norm(later)) / max(float(np.linalg.norm(sooner)), 1e-300)
+    return [_DETUNED * t[:, None] * x for x in (later, size * sooner)]
+
+
+def tells(rise: float, least: float, noise: float, unexplained: float = UNEXPLAINED) -> float:
+    """Chi-square that a misfit counts for beyond the least of all, which is ``noise`` times noise.
+
+    What even the best leaves beside noise is an error of the simulator, such as modes that ring
+    otherwise at large amplitude. It may go with any explanation, and with any place.
+    """
+    return max(rise - unexplained * least * (1 - 1 / noise), 0.0) / noise
+
+
+def refuted_by(left: Array, unexplained: float, samples: int) -> Array:
+    """What chi-squares of several explanations count for against each, see `tells`."""
+    least = float(left.min())
+    noise = max(least / samples, 1.0)
+    return np.array([tells(x - least, least, noise, unexplained) for x in left.tolist()])
+
+
+def beside_known(left: Array, known: Array) -> float:
+    """Chi-square of what is left, (m,), where columns (m, k) may be in it, once each."""
+    along = known.T @ left
+    return float(left @ left - along @ np.linalg.solve(np.eye(len(along)) + known.T @ known, along))
+
+
+def chi_squared(rows: Sequence[Array]) -> float:
+    """What is left of all records, `left_of` each, by the likeliest gains."""
+    table = np.concatenate([*rows, np.eye(rows[0].shape[1])[1:]])
+    left, gains = table[:, 0], table[:, 1:]
+    return float(np.sum((left - gains @ np.linalg.lstsq(gains, left)[0]) ** 2))

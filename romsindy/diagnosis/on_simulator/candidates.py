@@ -22,12 +22,20 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from romsindy.diagnosis.on_simulator.seen import OnSimulator, ValueEffect
+from romsindy.diagnosis.all_sensors import tells
+from romsindy.diagnosis.on_simulator.seen import Beginning, Failure, OnSimulator, ValueEffect
+from romsindy.diagnosis.on_simulator.sensor_fit import (
+    FittedSimulator,
+    SensorFit,
+    known_rows,
+)
 from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects.base import Effect, Scales, TermEffect
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.verdict import PLACE, PLACE_RISE
+from romsindy.fit.records.record import scales
+from romsindy.fit.verdict import EQUIVALENT, PLACE, PLACE_RISE
 from romsindy.typing import Array
 
 # Parts of what all sensors are heard of, one after the other, and how many new points in each
@@ -206,6 +214,7 @@ def _distance(places: Array, others: Array) -> Array:
 
 _NEW = 1e-9  # of a column beside others
 _LITTLE = 1e-3  # of the restoring force: half as much in frequency, which does not matter
+_FEW = 3  # of what may be missing: as many are fitted to all sensors
 
 
 class Candidate(NamedTuple):
@@ -292,3 +301,67 @@ def best_of_each(candidates: Sequence[Candidate]) -> list[Candidate]:
         if name not in best or c.gain > best[name].gain:
             best[name] = c
     return sorted(best.values(), key=lambda c: -c.gain)
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateSearch:
+    """What may be missing, by a linear look at the first cycles of records to learn from."""
+
+    fit: SensorFit
+    fitted: FittedSimulator  # to the first cycles, by values within tolerances
+    look: LinearLook
+
+    @classmethod
+    def of(
+        cls, fit: SensorFit, values: tuple[Part, ...], begins: Sequence[Beginning]
+    ) -> CandidateSearch:
+        """Beside values within tolerances, which follow the records first.
+
+        Raises a failure of the simulator where these lead to no motion.
+        """
+        fitted = fit.grown(values, begins, fit.first)
+        fitted = fitted._replace(now=fitted.now[: fit.n_training])
+        parts, now = fitted.parts, fitted.now
+        rows = fit.linear(now, parts, fit.first)
+        pairs = zip(now, fit.records, strict=False)
+        allowed = block_diag(*(n.allowed(fit.here, r.t) for n, r in pairs))
+        starts = block_diag(*(r.by_start for r in rows))
+        known = np.hstack([np.concatenate([r.by_value for r in rows]), starts, allowed])
+        once, off = known_rows(parts, known.shape[1])
+        gains = np.eye(known.shape[1])[-allowed.shape[1] :]
+        left = np.concatenate([*(r.left for r in rows), off, np.zeros(len(gains))])
+        return cls(fit, fitted, LinearLook.of(left, np.vstack([known, once, gains])))
+
+    def promising(self, effects: Iterable[Effect]) -> list[Candidate]:
+        """The few of some effects and values that tell most, the likeliest first.
+
+        Each is looked for among points that are far from each other, then near the likeliest.
+        """
+        here, known = self.fit.here, scales(self.fit.records)
+        points = Points(here.points, here.at_point)
+        far = here.at(points.apart()) if here.points else [here]
+        little = little_of(effects, here, known, len(self.fit.records))
+        asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
+        found = self._told_by(asked)
+        for c in best_of_each(found)[:_FEW] if here.points else ():
+            if here.acts([c.part]):
+                near = here.at(points.nearest(c.there.at_point))
+                found += self._told_by([c._replace(there=t) for t in near])
+        best = best_of_each([c for c in found if matters(c.part, known)])
+        left = self.look.left
+        least = float(left @ left) - max((c.gain for c in best), default=0.0)
+        noise = max(least / len(left), 1.0)
+        return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
+
+    def _told_by(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Candidates with their likeliest strengths, those that move at all."""
+        parts, now, begins = self.fitted.parts, self.fitted.now, self.fitted.releases
+        asked = [(c.there, (*parts, c.part), begins) for c in candidates]
+        found = []
+        for c, moved in zip(candidates, self.fit.moved(asked, self.fit.first), strict=True):
+            own = [m for m in moved if not isinstance(m, Failure)]
+            if len(own) == len(now):  # else it is too strong, where it moves least
+                pairs = zip(own, now, strict=True)
+                changes = [((m.readings - x.readings) / x.measured.noise).ravel() for m, x in pairs]
+                found.append(self.look.with_strength(c, np.concatenate(changes)))
+        return found

@@ -4,31 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from romsindy.diagnosis.all_sensors import (
     GAINS,
+    UNEXPLAINED,
     FirstMode,
     Readings,
+    beside_known,
     by_gains,
+    chi_squared,
+    detuned,
     followed,
     noise_of,
+    refuted_by,
     samples_beside,
+    tells,
     with_errors,
     without,
 )
 from romsindy.diagnosis.evidence import Amended, Hypothesis, Solved
 from romsindy.diagnosis.on_simulator.candidates import (
-    Candidate,
-    LinearLook,
+    CandidateSearch,
     PlaceOnStructure,
     PlaceSearch,
-    Points,
-    best_of_each,
-    little_of,
     matters,
 )
 from romsindy.diagnosis.on_simulator.seen import (
@@ -39,6 +40,7 @@ from romsindy.diagnosis.on_simulator.seen import (
     ValueEffect,
     moved_together,
 )
+from romsindy.diagnosis.on_simulator.sensor_fit import FittedSimulator, Now, SensorFit, SensorRecord
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.search import strongest_tones
@@ -48,7 +50,7 @@ from romsindy.effects.outside import TONES
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
-from romsindy.fit.kernel.part import Part, moved_parts, prior_cost
+from romsindy.fit.kernel.part import Part, prior_cost
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.spectrum import noise_std
@@ -58,26 +60,15 @@ from romsindy.typing import Array
 _CLOSE, _POLISHED = 1.05, 3  # own error over the noise that is good enough; rounds towards it
 _NO_LESS = 0.98  # of an error: what leaves as much is no nearer
 _ASTRAY = 2.0  # the same that a mode leaves which has lost step, at least
-_LARGER = 1e-3  # beginning of a record, for what a change of it does
-_STEP = 0.01  # of a value, for what a change of it does
-_TURN = 0.02  # radians by which a change of a stated value may turn the slow mode by the end
-# Cycles of the first look at all sensors, steps of each at most, and how much longer the next is
-_FIRST, _STEPS, _LONGER = 1.0, 6, 2.0
 _LISTENED = 3  # times that all sensors are heard, each with the best so far in the simulator
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
-_SHARES = (1.0, 0.5, 0.2)  # of a step: the best is taken
-_FEW = 3  # of what may be missing: as many are fitted to all sensors
 _INSTEAD = 50.0  # of chi-square in the coordinate: by less it hardly tells values from effects
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
-# Of the frequencies of other modes, a standard deviation: elements and clamps are not known better
-_DETUNED = 2e-3
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
 _HARMONICS = 3  # of the slow mode, which the form of the equation leaves
-# Of what no explanation explains: by so much one may seem better than another, beside the first
-# mode, and in whole records, of which the first mode is most
-_UNEXPLAINED, _HALF = 0.2, 0.5
+_HALF = 0.5  # of what no explanation explains of whole records, of which the first mode is most
 
 
 @dataclass(eq=False)
@@ -95,7 +86,7 @@ class SimulatorRounds(Rounds):
     structure: OnSimulator
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
-    variances: dict[tuple[str, str], Array] = field(default_factory=dict)
+    variances: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     # What was told where all that may be missing was compared with it
     compared: list[Names] = field(default_factory=list)
     decided: bool = False  # whether something else left less of all sensors, and stands
@@ -198,7 +189,7 @@ class SimulatorRounds(Rounds):
         return best if grown is best else self._changed(grown, self._nearer)
 
     def _changed(
-        self, best: Outcome, change: Callable[[Outcome], tuple[Part, ...]], times: int = _POLISHED
+        self, best: Outcome, change: Callable[[Outcome], FittedSimulator], times: int = _POLISHED
     ) -> Outcome:
         """The same, as long as a change of what is in the simulator brings it nearer."""
         error = self.own_error(best.corrected)
@@ -208,14 +199,16 @@ class SimulatorRounds(Rounds):
                 break
             self.options.progress(f"{self.structure.what} nearer to the records")
             try:
-                changed = change(best)
-                found = self.simulate(changed)
+                fitted = change(best)
+                self.releases = fitted.releases
+                self.variances, self.there = fitted.step.variances, fitted.step.there
+                found = self.simulate(fitted.parts)
             except self.structure.failures:  # what was found stands, and so does its error
                 break
             last, error = error, self.own_error(found)
             if error >= last:
                 break
-            best = best._replace(parts=changed, corrected=found)
+            best = best._replace(parts=fitted.parts, corrected=found)
         return best
 
     def over_all_sensors(self, found: Outcome) -> Outcome:
@@ -332,27 +325,28 @@ class SimulatorRounds(Rounds):
     def _compared(self, found: Outcome, told: Names) -> Outcome:
         """The same, unless something leaves less of all sensors: then what is found with that."""
         values = tuple(p for p in found.parts if p.tolerance is not None)
-        base, first, known = found._replace(parts=values), self.structure, scales(self.records)
+        first, known = self.structure, scales(self.records)
         read = [self._read(i) for i in range(self.n_training)]
-        begins = [c.release._replace(state=c.start) for c in found.corrected]
+        begins = _begins(found)
         left = {told: self._left_by(read, found.parts, begins)}
-        promising = self._promising(base)
+        promising = CandidateSearch.of(self._fit, values, begins).promising(self.general)
         fits: dict[Names, tuple[tuple[Part, ...], OnSimulator, list[Beginning]]] = {}
         tried = [((), first), *(((c.part,), c.there) for c in promising)]
         for more, self.structure in tried if promising else ():
             names = frozenset(p.effect.name for p in more)
             self.options.progress(f"all sensors beside {' + '.join(names) or 'values alone'}")
             try:
-                parts = self._grown(base._replace(parts=(*values, *more)))
+                fitted = self._fit.grown((*values, *more), begins)
+                parts, self.releases = fitted.parts, fitted.releases
                 own = self._left_by(read, parts, self.releases)
             except self.structure.failures:  # what it leads to cannot be simulated
                 continue
             if not all(matters(p, known) for p in parts[len(values) :]):
                 continue
-            fits[names] = parts, self.structure, [*self.releases]
+            fits[names] = parts, self.structure, fitted.releases
             left[names] = np.minimum(own, left.get(names, np.inf))
         table = np.array([*left.values()])
-        shares = zip(table.T, (_UNEXPLAINED, _HALF), self._heard_of(read), strict=True)
+        shares = zip(table.T, (UNEXPLAINED, _HALF), self._heard_of(read), strict=True)
         rises = np.sum([refuted_by(*row) for row in shares], axis=0)
         misfits = dict(zip(left, (rises - rises.min()).tolist(), strict=True))
         price = float(np.log(sum(r.count for r in self.records)))
@@ -368,7 +362,7 @@ class SimulatorRounds(Rounds):
 
     def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
         """Samples of all sensors beside the first mode, and of whole records."""
-        whole_records = sum(self._measured(i)[0].size for i in range(self.n_training))
+        whole_records = sum(m.readings.size for m in self.measured[: self.n_training])
         return samples_beside(read), whole_records
 
     def _left_by(
@@ -380,69 +374,12 @@ class SimulatorRounds(Rounds):
         """
         asked = [(i, parts, r, self.structure) for i, r in enumerate(read)]
         beside = self._left(read, [*map(whole, self._motions(asked))])
-        begins = zip(range(self.n_training), releases, strict=False)
-        moved = self._now([(self.structure, i, parts, r) for i, r in begins], np.inf)
-        rows = [(n.left, self._allowed(i, n)) for i, n in enumerate(map(whole, moved))]
+        here, own = self.structure, self.records[: self.n_training]
+        (moved,) = self._fit.moved([(here, parts, releases[: self.n_training])])
+        pairs = zip(map(whole, moved), own, strict=True)
+        rows = [(n.left, n.allowed(here, r.t)) for n, r in pairs]
         known = prior_cost(parts)
         return np.array([beside, sum(map(beside_known, *zip(*rows, strict=True)))]) + known
-
-    def _promising(self, base: Outcome) -> list[Candidate]:
-        """What may be missing beside values within tolerances, the likeliest first.
-
-        It is looked for among points that are far from each other, then near the likeliest.
-        """
-        here, known = self.structure, scales(self.records)
-        end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
-        parts = self._grown(base, end)
-        releases = self.releases[: self.n_training]
-        now = [*map(whole, self._now([(here, i, parts, r) for i, r in enumerate(releases)], end))]
-        look = self._linear_look(now, parts, end)
-
-        def told_by(candidates: Sequence[Candidate]) -> list[Candidate]:
-            starts = [*enumerate(releases)]
-            asked = [(c.there, i, (*parts, c.part), r) for c in candidates for i, r in starts]
-            moved, found = iter(self._now(asked, end)), []
-            for c in candidates:
-                own = [next(moved) for _ in releases]
-                if not any(isinstance(m, Failure) for m in own):  # too strong where it moves least
-                    pairs = zip(map(whole, own), now, strict=True)
-                    changes = [(m.readings - x.readings) / x.noise for m, x in pairs]
-                    found.append(look.with_strength(c, np.concatenate([*map(np.ravel, changes)])))
-            return found
-
-        little = little_of(self.general, here, known, len(self.records))
-        points = Points(here.points, here.at_point)
-        far = here.at(points.apart()) if here.points else [here]
-        asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
-        found = told_by(asked)
-        for c in best_of_each(found)[:_FEW] if here.points else ():
-            if here.acts([c.part]):
-                found += told_by(
-                    [c._replace(there=t) for t in here.at(points.nearest(c.there.at_point))]
-                )
-        best = best_of_each([c for c in found if matters(c.part, known)])
-        least = float(look.left @ look.left) - max((c.gain for c in best), default=0.0)
-        noise = max(least / len(look.left), 1.0)
-        return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
-
-    def _linear_look(self, now: Sequence[Now], parts: tuple[Part, ...], end: float) -> LinearLook:
-        """What is left of first cycles of all sensors, and what that may follow otherwise."""
-        steps = np.concatenate([np.zeros(0), *(self._small(p, end) for p in parts)])
-        rows = self._linear(now, parts, steps, end)
-        allowed = block_diag(*(self._allowed(i, n) for i, n in enumerate(now)))
-        starts = block_diag(*(r.by_start for r in rows))
-        known = np.hstack([np.concatenate([r.by_value for r in rows]), starts, allowed])
-        n = allowed.shape[1]
-        prior = block_diag(np.diag(_sureness(parts)), np.zeros((0, starts.shape[1])), np.eye(n))
-        left = [*(r.left for r in rows), -_off_known(parts), np.zeros(n)]
-        return LinearLook.of(np.concatenate(left), np.vstack([known, prior]))
-
-    def _allowed(self, i: int, now: Now) -> Array:
-        """What gains of sensors and frequencies of other modes may change in a record."""
-        x, t = now.readings, self.records[i].t[: len(now.readings)]
-        rung = x - FirstMode.of(self.structure.coordinate(x), x, t).readings
-        columns = [*(GAINS * y for y in by_gains(x)), *detuned(rung, t)]
-        return np.stack([(y / now.noise).ravel() for y in columns], axis=1)
 
     def _heard(self, asked: Sequence[Hypothesis], found: Outcome) -> dict[Names, float]:
         """What all sensors say of explanations, and of none: minus twice their log-likelihood.
@@ -559,163 +496,29 @@ class SimulatorRounds(Rounds):
         ]
         return max(e.after for several in errors for e in several)
 
-    def _nearer(self, best: Outcome) -> tuple[Part, ...]:
+    def _nearer(self, best: Outcome) -> FittedSimulator:
         """What is in the simulator, changed by one step of least squares on whole records."""
-        rows = enumerate(best.corrected)
-        now = [Now(c.readings, c.start, c.release, *self._measured(i)) for i, c in rows]
-        parts, now = self._after_step(best.parts, now, np.inf)
-        self.releases = [n.release for n in now]
-        return parts
+        rows = zip(best.corrected, self.measured, strict=True)
+        return self._fit.after_step(best.parts, [Now.of(*row) for row in rows])
 
-    def _grown(self, best: Outcome, longest: float = np.inf) -> tuple[Part, ...]:
-        """What is in the simulator, fitted to the first cycles of all sensors, and to ever more.
+    def _grown(self, best: Outcome) -> FittedSimulator:
+        """What is in the simulator, fitted to the first cycles, and to ever more."""
+        return self._fit.grown(best.parts, _begins(best))
 
-        Over whole records other modes lose step where values are off: no step leads from there.
-        """
-        parts = best.parts
-        releases = [c.release._replace(state=c.start) for c in best.corrected]
-        longest = min(longest, max(float(r.t[-1]) for r in self.records))
-        end = _FIRST * 2 * np.pi / min(r.rate for r in self.records)
-        while True:
-            asked = [(self.structure, i, parts, r) for i, r in enumerate(releases)]
-            now = [*map(whole, self._now(asked, end))]
-            left = self._misfit(parts, now)
-            for _ in range(_STEPS):
-                parts, now = self._after_step(parts, now, end)
-                last, left = left, self._misfit(parts, now)
-                if left > _NO_LESS * last:
-                    break
-            releases = [n.release for n in now]
-            if end >= longest:
-                break
-            end *= _LONGER
-        self.releases = releases
-        return parts
+    @property
+    def _fit(self) -> SensorFit:
+        given = self.model, self.records, self.measured, self.n_training
+        return SensorFit(self.structure, *given)
 
-    def _after_step(
-        self, parts: tuple[Part, ...], now: Sequence[Now], end: float
-    ) -> tuple[tuple[Part, ...], list[Now]]:
-        """Parts and motions after a step of least squares, or after the part of it that is best.
-
-        Raises a failure where no part of it leads to a motion.
-        """
-        change, larger = self._step(parts, now, end)
-        tried = [moved_parts(parts, share * change) for share in _SHARES]
-        asked = [
-            (self.structure, i, there, n.release.larger(n.start, 1 + share * (by - 1)))
-            for share, there in zip(_SHARES, tried, strict=True)
-            for i, (n, by) in enumerate(zip(now, larger, strict=True))
-        ]
-        moved, each = self._now(asked, end), len(now)
-        found: list[tuple[float, tuple[Part, ...], list[Now]]] = []
-        for k, there in enumerate(tried):
-            own = [m for m in moved[k * each : (k + 1) * each] if not isinstance(m, Failure)]
-            if len(own) == each:
-                found.append((self._misfit(there, own), there, own))
-        if not found:
-            whole(next(m for m in moved if isinstance(m, Failure)))
-        return min(found, key=lambda row: row[0])[1:]
-
-    def _misfit(self, parts: Sequence[Part], now: Sequence[Now]) -> float:
-        """Chi-square of what motions leave of records to learn from, and of values."""
-        left = sum(float(np.sum(n.left**2)) for n in now[: self.n_training])
-        return left + prior_cost(parts)
-
-    def _now(
-        self, asked: Sequence[tuple[OnSimulator, int, Sequence[Part], Beginning]], end: float
-    ) -> list[Now | Failure]:
-        """Motions of records with some parts, from where these begin, up to a time."""
-        questions = []
-        for there, i, parts, release in asked:
-            record = self.records[i].until(end)
-            equation = equation_of(self.model, parts, i, record)
-            assert release.state is not None
-            given = (equation, parts, record, release.state, release)
-            questions.append(AskedMotion(there, *given))
-        found: list[Now | Failure] = []
-        for m, q, (_, i, *_) in zip(moved_together(questions), questions, asked, strict=True):
-            if isinstance(m, Failure):
-                found.append(m)
-            else:
-                readings = m.readings[q.record.derivative]
-                measured, noise = self._measured(i)
-                found.append(Now(readings, m.start, m.release, measured[: len(readings)], noise))
+    @cached_property
+    def measured(self) -> list[SensorRecord]:
+        """What the sensors measured in each record."""
+        found = []
+        for record, raw in zip(self.records, self.raw, strict=True):
+            own = raw.between(record.decay.t[0], record.decay.t[-1])
+            readings = own.signal.reshape(len(own.t), -1)
+            found.append(SensorRecord(readings, np.array([noise_std(y) for y in readings.T])))
         return found
-
-    def _measured(self, i: int) -> tuple[Array, Array]:
-        """What the sensors measured in a record, (n, n_sensors), and the noise of each."""
-        record = self.records[i]
-        own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
-        measured = own.signal.reshape(len(own.t), -1)
-        return measured, np.array([noise_std(y) for y in measured.T])
-
-    def _step(
-        self, parts: tuple[Part, ...], now: Sequence[Now], end: float = np.inf
-    ) -> tuple[Array, Array]:
-        """A change of all values by least squares on what is left of records, up to a time.
-
-        Beside it each record may begin a little later, or so many times larger, which is second.
-        """
-        steps = np.concatenate([np.zeros(0), *(self._small(p, end) for p in parts)])
-        rows = self._linear(now, parts, steps, end)
-        change = np.zeros(len(steps))
-        learnt = rows[: self.n_training]
-        known = _sureness(parts)
-        for own in (learnt, rows):  # what took no part says how it begins alone
-            left: list[Array] = [r.left - r.by_value @ change for r in own]
-            matrix = block_diag(*(r.by_start for r in own))
-            free = own is learnt
-            if free:
-                both = np.hstack([np.concatenate([r.by_value for r in own]), matrix])
-                prior = np.hstack([np.diag(known), np.zeros((len(known), matrix.shape[1]))])
-                matrix, left = np.vstack([both, prior]), [*left, -_off_known(parts)]
-            # A value that is held, or at its limit, moves nothing: it stays.
-            size = np.linalg.norm(matrix, axis=0)
-            scale = np.where(size > 0, size, 1.0)
-            scaled = matrix / scale
-            found = np.linalg.lstsq(scaled, np.concatenate(left))[0] / scale
-            if free:
-                change = found[: len(steps)]
-                known_to = np.diag(np.linalg.pinv(scaled.T @ scaled, hermitian=True)) / scale**2
-                *each, _ = np.split(known_to, np.cumsum([p.size for p in parts], dtype=int))
-                self.variances = {key_of(p): x for p, x in zip(parts, each, strict=True)}
-                self.there = bool(np.all(change**2 <= known_to[: len(steps)]))
-        return change, 1 + found[: 2 * len(now) : 2]
-
-    def _small(self, part: Part, end: float) -> Array:
-        """Changes of the values of a part, for what they do until a time of the records."""
-        values = np.where(part.values == 0, 1.0, np.abs(part.values))
-        if not isinstance(part.effect, ValueEffect):
-            return np.asarray(_STEP * values)
-        turned = max(r.rate * min(float(r.t[-1]), end) for r in self.records)
-        return np.full(1, _TURN / turned * part.effect.scale)
-
-    def _linear(
-        self, now: Sequence[Now], parts: tuple[Part, ...], steps: Array, end: float
-    ) -> list[LinearReadings]:
-        """What readings of each record follow, by simulations with small changes."""
-        # To both sides: values that nearly do the same are told apart by what is left of both.
-        changes = [x * one for x, one in zip(steps, np.eye(len(steps)), strict=True)]
-        tried = [moved_parts(parts, sign * x) for x in changes for sign in (1, -1)]
-        here = self.structure
-        asked: list[tuple[OnSimulator, int, Sequence[Part], Beginning]] = []
-        for i, n in enumerate(now):
-            asked += [(here, i, p, n.release.larger(n.start, 1.0)) for p in tried]
-            asked.append((here, i, parts, n.release.larger(n.start, 1 + _LARGER)))
-        found = map(whole, self._now(asked, end))
-        rows = []
-        for i, n in enumerate(now):
-            pairs = [(next(found), next(found)) for _ in steps]
-            by_value = [
-                (more.readings - less.readings) / (2 * step)
-                for (more, less), step in zip(pairs, steps, strict=True)
-            ]
-            larger = (next(found).readings - n.readings) / _LARGER
-            later = np.gradient(n.readings, self.records[i].decay.dt, axis=0)
-            columns = [*by_value, larger, later]
-            table = np.stack([(x / n.noise).ravel() for x in columns], axis=1)
-            rows.append(LinearReadings(n.left, table[:, :-2], table[:, -2:]))
-        return rows
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
         """What was found, less what the equation needs for what is in the simulator.
@@ -745,23 +548,9 @@ def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
     return tuple(tone for tone in tones if rung(tone))
 
 
-def _sureness(parts: Sequence[Part]) -> Array:
-    """One over the standard deviation of each value that is known beforehand, 0 of others."""
-    found: list[Array] = [np.zeros(0)]
-    for p in parts:
-        spreads = [q.spread for q in p.parameters]
-        found.append(np.full(p.strengths.size, 1 / p.tolerance if p.tolerance else 0.0))
-        found.append(np.array([0.0 if s is None else 1 / s for s in spreads]))
-    return np.concatenate(found)
-
-
-def _off_known(parts: Sequence[Part]) -> Array:
-    """How far values are from what is known of them, over its standard deviation."""
-    near: list[Array] = [np.zeros(0)]
-    for p in parts:
-        near += [np.zeros(p.strengths.size), np.array([q.starts[0] for q in p.parameters])]
-    values = np.concatenate([np.zeros(0), *(p.values for p in parts)])
-    return _sureness(parts) * (values - np.concatenate(near))
+def _begins(found: Outcome) -> list[Beginning]:
+    """How each record began as it was simulated."""
+    return [c.release._replace(state=c.start) for c in found.corrected]
 
 
 def left_of(
@@ -786,73 +575,6 @@ def left_of(
     table = with_errors(table, read.over_noise(errors, seen.shape))
     n = len(known)
     return without(table[:, :n], table[:, n:]) if free else table
-
-
-def detuned(rung: Array, t: Array) -> list[Array]:
-    """What frequencies of other modes change of their readings (n, n_sensors), to a deviation each.
-
-    Of all of them by the same part, and by parts that grow with their square, as of what meshes and
-    steps in time leave.
-    """
-    later = np.gradient(rung, t, axis=0)
-    sooner = np.gradient(np.gradient(later, t, axis=0), t, axis=0)
-    size = float(np.linalg.norm(later)) / max(float(np.linalg.norm(sooner)), 1e-300)
-    return [_DETUNED * t[:, None] * x for x in (later, size * sooner)]
-
-
-def tells(rise: float, least: float, noise: float, unexplained: float = _UNEXPLAINED) -> float:
-    """Chi-square that a misfit counts for beyond the least of all, which is ``noise`` times noise.
-
-    What even the best leaves beside noise is an error of the simulator, such as modes that ring
-    otherwise at large amplitude. It may go with any explanation, and with any place.
-    """
-    return max(rise - unexplained * least * (1 - 1 / noise), 0.0) / noise
-
-
-def refuted_by(left: Array, unexplained: float, samples: int) -> Array:
-    """What chi-squares of several explanations count for against each, see `tells`."""
-    least = float(left.min())
-    noise = max(least / samples, 1.0)
-    return np.array([tells(x - least, least, noise, unexplained) for x in left.tolist()])
-
-
-def beside_known(left: Array, known: Array) -> float:
-    """Chi-square of what is left, (m,), where columns (m, k) may be in it, once each."""
-    along = known.T @ left
-    return float(left @ left - along @ np.linalg.solve(np.eye(len(along)) + known.T @ known, along))
-
-
-def chi_squared(rows: Sequence[Array]) -> float:
-    """What is left of all records, `left_of` each, by the likeliest gains."""
-    table = np.concatenate([*rows, np.eye(rows[0].shape[1])[1:]])
-    left, gains = table[:, 0], table[:, 1:]
-    return float(np.sum((left - gains @ np.linalg.lstsq(gains, left)[0]) ** 2))
-
-
-class Now(NamedTuple):
-    """A simulated motion: what the sensors read, (n, n_sensors), and how it begins."""
-
-    readings: Array
-    start: tuple[float, float]
-    release: Beginning
-    measured: Array  # what they read indeed
-    noise: Array  # (n_sensors,)
-
-    @property
-    def left(self) -> Array:
-        """What the motion leaves of that, over the noise, (m,)."""
-        return np.asarray(((self.measured - self.readings) / self.noise).ravel())
-
-
-class LinearReadings(NamedTuple):
-    """What is left of a record, (m,) over the noise, and what it follows, (m, k) each.
-
-    Values of the simulator; the size and the time with which the record begins.
-    """
-
-    left: Array
-    by_value: Array
-    by_start: Array
 
 
 @dataclass(frozen=True)
