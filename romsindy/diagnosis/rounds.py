@@ -141,6 +141,7 @@ class Rounds:
         most, found = 1, before
         reports: list[DiagnosisReport] = []
         last: tuple[DiagnosisReport, list[Corrected], tuple[Part, ...]] | None = None
+        turns: list[tuple[Names, Names]] = []  # what was found, and what after it
         for _ in range(_ROUNDS + 1):
             report = self._look(self.sought(effects, parts), found, most)
             reports.append(report)
@@ -153,22 +154,22 @@ class Rounds:
                 continue
             if self._settled(parts, report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
-                    break
-                most = self.options.max_effects
+                    return Outcome(self._checked(report), parts, found)
+                most, turns = self.options.max_effects, []
                 continue
+            if last is not None:
+                turns.append((names_of(last[0].best), names_of(report.best)))
+                if turns[-1][0] != turns[-1][1] and turns[-1] in turns[:-1]:
+                    break
             last = report, found, parts
             parts = self.next_parts(parts, self._simulated_of(report).parts)
             try:
                 found = self.simulate(parts)
             except self.structure.failures as error:
                 return Outcome(report, (), before, str(error))
-        else:
-            seen = [h for r in reports for h in (r.best, *r.rivals)]
-            self.doubtful = {
-                names_of(h): h for h in seen if family_of([h.names, report.best.names])
-            }
-            report = undecided(report, self.doubtful)
-        return Outcome(self._checked(report), parts, found)
+        seen = [h for r in reports for h in (r.best, *r.rivals)]
+        self.doubtful = {names_of(h): h for h in seen if family_of([h.names, report.best.names])}
+        return Outcome(self._checked(undecided(report, self.doubtful)), parts, found)
 
     def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
         """A report that names nothing on the structure which this cannot have, and so not refute.
