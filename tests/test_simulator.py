@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis.all_sensors import Readings, chi_squared
+from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import (
     Beginning,
     ForceScale,
@@ -201,6 +202,13 @@ def test_a_point_moves_with_the_coordinate_by_what_a_force_sees_there():
     assert there.at_point == "there" and there.scale == pytest.approx((2.0, 0.25), rel=1e-6)
     part = Part(MoreMass(), (), np.array([[0.1]]))
     assert not simulator.takes_mass and seen.mass([part]) == 0
+    # Where all sensors found no box of places, what acts is exported at its point all the same.
+    taking = replace(there, simulator=SimpleNamespace(points=simulator.points, takes_mass=True))
+    given = {"reduced": None, "sensor_errors": (), "seen": taking, "missed": 0.0}
+    report = SimulatorReport(parts=(part,), **given)
+    assert (report.point, report._there) == ("there", " at there")
+    assert report._placed == {"point": "there"}
+    assert replace(report, parts=())._placed is None
     # Work at a point that moves by a quarter: k x^n does the same with 4^(n + 1) times the k.
     there, seen = replace(there, reach=(0.1, 1.0)), replace(seen, reach=(0.1, 1.0))
     for effect, power in ((Viscous(), 1), (AirDrag(), 2), (CubicStiffness(), 3), (MoreMass(), 1)):

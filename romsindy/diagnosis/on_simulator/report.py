@@ -68,9 +68,20 @@ class SimulatorReport(StructureReport):
         return "\n".join(lines)
 
     @property
+    def point(self) -> str:
+        """Where what was added acts; empty where nothing does, or no points are named."""
+        return self.seen.at_point if self.seen.points and self.seen.acts(self.parts) else ""
+
+    @property
     def _there(self) -> str:
-        """The point at which it acts, if it was looked for."""
-        return "" if self.place is None else f" at {self.place.point}"
+        return self.point and f" at {self.point}"
+
+    @property
+    def _placed(self) -> dict[str, object] | None:
+        """What JSON keeps of where it acts: what is exported acts there, however sure that is."""
+        if self.place is not None:
+            return self.place.content()
+        return {"point": self.point} if self.point else None
 
     @property
     def _changed(self) -> dict[str, float]:
@@ -97,10 +108,10 @@ class SimulatorReport(StructureReport):
             added.append(f"a mass of {self.mass:.4g} kg{self._there}")
         if self.place is not None:
             lines.append(f"Place: {self.place}.")
-        elif added and self.seen.points and self.seen.acts(self.parts):
+        elif self.point:
             few = len(self.seen.shape) == 1
             why = "sensors at several points would tell where" if few else "no other was found"
-            lines.append(f"Place: it is taken to act at {self.seen.at_point}; {why}.")
+            lines.append(f"Place: it is taken to act at {self.point}; {why}.")
         lines += words.within(self.reduced.within)
         if added and self.sensor_errors:
             worst = max(self.sensor_errors, key=lambda e: e.after)
@@ -140,7 +151,7 @@ class SimulatorReport(StructureReport):
             "values": self.values,
             "force": None if self.force is None else f"{self.force}",
             "mass": self.mass,
-            "place": None if self.place is None else self.place.content(),
+            "place": self._placed,
             "force_laws": None if self.force is None else self.force.content(),
             "releases": [list(pair) for pair in self.seen.released],
         }
