@@ -53,6 +53,19 @@ def test_where_all_points_do_the_same_the_first_is_kept():
     assert place.low == pytest.approx([0, 0, 0]) and place.high == pytest.approx([2, 1, 0])
 
 
+def test_a_point_that_nobody_stated_is_no_better_than_others():
+    """The likeliest one, where none is told for sure."""
+    at = np.array([1.3125, 0.75, 0.0])
+
+    def misfit(point, share):
+        return 1e3 + np.sum((PLATE[point] - at) ** 2)
+
+    given = PLATE, "200:3", _of_each(misfit), lambda rise, *_: rise
+    kept, found = (PlaceSearch(*given, stated=s).likeliest()[1] for s in (True, False))
+    assert kept.point == "200:3" and found.at == pytest.approx(at, abs=0.04)
+    assert not (kept.told or found.told)
+
+
 def test_what_is_far_from_the_records_everywhere_is_asked_no_further():
     """What else explains them leaves 1000, this at the least 100,000 of half the readings."""
     asked = []
@@ -75,7 +88,8 @@ def test_points_without_a_motion_are_no_place():
     def misfit(point, share):
         return 1.0 + 1e4 * np.sum((PLATE[point] - at) ** 2) if PLATE[point][0] > 0.5 else np.inf
 
-    least, place = PlaceSearch(PLATE, "560:3", _of_each(misfit), lambda rise, *_: rise).likeliest()
+    given = PLATE, "560:3", _of_each(misfit), lambda rise, *_: rise
+    least, place = PlaceSearch(*given).likeliest()
     assert place.at == pytest.approx(at, abs=0.04) and least < 20 and place.low[0] > 1.1
 
 

@@ -270,14 +270,14 @@ class Rounds:
         """
         best = report.best
         gap = report.base.at(best.noise).misfit - best.misfit
-        slack = _NEAR * gap if best.effects else instead
+        slack = max(_NEAR * gap, 0.0) if best.effects else instead
         blamed = best if instead and not best.effects else None
         without = self.elsewhere.get(frozenset(), 0.0)
         found: dict[Names, Hypothesis] = {}
         for h in (best, *report.rivals, *report.compared):
             as_few = h is blamed or 0 < len(h.effects) <= max(len(best.effects), blamed is not None)
             heard = self.elsewhere.get(names_of(h), 0.0) < _AS_LITTLE + _NEAR * without
-            if h.score < best.score + slack and as_few and self.can_have(h.effects) and heard:
+            if h.score <= best.score + slack and as_few and self.can_have(h.effects) and heard:
                 found.setdefault(names_of(h), h)
         for names, h in self.doubtful.items():
             found.setdefault(names, h)

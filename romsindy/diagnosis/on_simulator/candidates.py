@@ -130,13 +130,15 @@ class Points:
 class PlaceSearch(Points):
     """Looks for the place of something among points, from afar to near.
 
-    Where there are no ``points`` it is at the ``own`` one, which is tried before all others, and
-    kept unless another one is better beyond doubt. ``misfits`` are those of points on a part of
-    the readings; ``tells`` says what a rise of it beyond the least counts for, as chi-square.
+    Where there are no ``points`` it is at the ``own`` one, which is tried before all others. Where
+    that is ``stated`` it is kept unless another one is better beyond doubt. ``misfits`` are those
+    of points on a part of the readings; ``tells`` says what a rise of it beyond the least counts
+    for, as chi-square.
     """
 
     misfits: Callable[[Sequence[str], float], Sequence[float]]
     tells: Callable[[float, float, float], float]
+    stated: bool = True
     known: dict[tuple[str, float], float] = field(default_factory=dict)
 
     def left(self, points: Iterable[str], share: float = 1.0) -> dict[str, float]:
@@ -177,7 +179,7 @@ class PlaceSearch(Points):
                 break
             best = min(left, key=lambda n: left[n])
         likely = {n for n, x in left.items() if self._alike(x, left[best], 1.0)}
-        best = self.own if self.own in likely else best
+        best = self.own if self.stated and self.own in likely else best
         return left[best], self._told(best, likely, reach)
 
     def _alike(self, x: float, least: float, share: float) -> bool:

@@ -52,7 +52,7 @@ from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, prior_cost
 from romsindy.fit.records.record import Record, scales
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
 from romsindy.record.spectrum import noise_std
 from romsindy.simulator.simulator import whole
 from romsindy.typing import Array
@@ -135,7 +135,10 @@ class SimulatorRounds(Rounds):
         ]
 
     def with_values_of_simulator(self, outcome: Outcome) -> DiagnosisReport:
-        """Its report with the values that its best has in the simulator."""
+        """Its report with the values that its best has in the simulator.
+
+        Where all sensors decided what explains the records they say how sure it is, too.
+        """
         report, parts = outcome.report, outcome.parts
         found = {key_of(p): p.values for p in report.best.parts}
         more = {key_of(p): p.values - found[key_of(p)] for p in parts if key_of(p) in found}
@@ -143,10 +146,14 @@ class SimulatorRounds(Rounds):
         # What is left beside noise is not known to be without a say in the values.
         left = max(self.own_error(outcome.corrected), 1.0) ** 2 if asked else 1.0
         variances = {key: x * left for key, x in self.variances.items()}
-        given = (report.best.weighed, more, variances, asked)
-        best = replace(report.best, weighed=InSimulator(*given))
+        sole = asked and self.decided
+        best = replace(
+            report.best, weighed=InSimulator(report.best.weighed, more, variances, asked, sole)
+        )
         rivals = tuple(best if h is report.best else h for h in report.rivals)
-        return replace(report, best=best, rivals=rivals) if more else report
+        sure = sole and len(rivals) == 1 and best.sureness >= NAMED_ABOVE
+        verdict = "named" if sure and report.verdict == "ambiguous" else report.verdict
+        return replace(report, best=best, rivals=rivals, verdict=verdict) if more else report
 
     def in_equation(self, parts: Sequence[Part]) -> Sequence[Part]:
         return self.own
@@ -440,7 +447,7 @@ class SimulatorRounds(Rounds):
             return tells(rise, least, noise_of(least, heard(share)))
 
         points = here.points if here.acts(parts) else {}
-        return PlaceSearch(points, here.at_point, misfits, told)
+        return PlaceSearch(points, here.at_point, misfits, told, stated=here.point is None)
 
     def _left(self, read: Sequence[Readings], motions: Sequence[Array]) -> float:
         """Chi-square of what motions leave of all sensors."""
@@ -584,6 +591,7 @@ class InSimulator(Amended):
     more: Mapping[tuple[str, str], Array]
     variances: Mapping[tuple[str, str], Array]  # by all sensors, where these were asked
     asked: bool  # of just these values: the coordinate alone tells less of them
+    sole: bool = False  # whether the coordinate has no say in what is in the simulator
 
     def amended(self, found: Solved) -> Solved:
         there = [
@@ -595,7 +603,7 @@ class InSimulator(Amended):
             own = np.arange(first, first + part.size)
             first += part.size
             alone = np.diag(covariance)[own].copy()
-            sure = self.asked and isinstance(part.effect, ValueEffect)
+            sure = self.asked and (self.sole or isinstance(part.effect, ValueEffect))
             told = self.variances.get(key_of(part), alone)
             wanted = told if sure else np.maximum(alone, told)
             size = np.sqrt(np.divide(wanted, alone, out=np.ones_like(alone), where=alone > 0))
