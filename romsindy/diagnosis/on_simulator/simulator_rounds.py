@@ -249,7 +249,11 @@ class SimulatorRounds(Rounds):
             except self.structure.failures:  # what was found stands
                 again = None
             if again is None or again.trouble or self._no_nearer(again, found, near):
+                anywhere = None if self.place is None or self.place.told else self.place
                 self.structure, (self.place, self.own, self.variances) = before, kept
+                if self.place is None and anywhere is not None:  # the box that was found stands
+                    point = before.at_point
+                    self.place = replace(anywhere, point=point, at=before.points[point])
                 self.return_to(found.corrected)
                 return found if near else self._brought_nearer(found)
             if again.parts is found.parts and self.structure is before:
