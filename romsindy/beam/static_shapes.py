@@ -117,12 +117,6 @@ class StaticCurve:
         """1 + h(q) = x'^T M x', shape (n,)."""
         return np.array([2.0 * self.assembly.kinetic(v) for v in self.tangents])
 
-    @property
-    def material_damping(self) -> np.ndarray:
-        """S(q), shape (n,), 1/s^2: the damping force is eta S(q) q_dot."""
-        pairs = zip(self.shapes, self.tangents, strict=True)
-        return np.array([self.assembly.material_stiffness(x, v) for x, v in pairs])
-
     def resistance(self, effect: Any, rate: float) -> CubicSpline:
         """Return what an effect adds to the left side of the equation of motion, over q.
 
