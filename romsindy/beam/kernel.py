@@ -22,13 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-try:
-    from numba import njit
-except ImportError:  # it has no wheels for every machine: the same loops, interpreted
-
-    def njit(**_):  # type: ignore
-        return lambda loop: loop
-
+from romsindy.structure.kernel import compiled
 
 _XI = 1.0 / np.sqrt(3.0)
 # shape functions and slopes (d/dxi) at the two strain points
@@ -36,7 +30,7 @@ _N = np.array([[0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)] for x in (-_XI,
 _DN = np.array([[x - 0.5, -2 * x, x + 0.5] for x in (-_XI, _XI)])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def at_strain_point(field, a, g, scale):  # type: ignore[no-untyped-def]
     """Return the slopes of u, w, theta, and theta, of the element whose first node is a."""
     du = dw = dth = th = 0.0
@@ -49,7 +43,7 @@ def at_strain_point(field, a, g, scale):  # type: ignore[no-untyped-def]
     return du, dw, dth, th
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def strains(du, dw, th):  # type: ignore[no-untyped-def]
     """Return eps, gamma and cos(theta), sin(theta).
 
@@ -61,7 +55,7 @@ def strains(du, dw, th):  # type: ignore[no-untyped-def]
     return du * c + dw * s - 2.0 * half * half, dw * c - du * s - s, c, s
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-untyped-def]
     """Add the internal force of every element to `out`, (n_nodes, 3); return the damping power."""
     n_elements = (x.shape[0] - 1) // 2
@@ -90,7 +84,7 @@ def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-u
     return power
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def strain_energy(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     """Return the stored energy [J]."""
     scale = 2.0 / length
@@ -103,7 +97,7 @@ def strain_energy(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     return 0.25 * length * energy
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     """Return (G, D), (n_elements, 9, 9): geometric and material part of the tangent stiffness."""
     n_elements = (x.shape[0] - 1) // 2
@@ -146,7 +140,7 @@ def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     return G, D
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def add_product(matrices, field, out):  # type: ignore[no-untyped-def]
     """Add (sum of element matrices) @ field to `out`; field and out are (n_nodes, 3)."""
     flat, result = field.reshape(-1), out.reshape(-1)
@@ -159,7 +153,7 @@ def add_product(matrices, field, out):  # type: ignore[no-untyped-def]
             result[a + i] += total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def factorise(matrices, fixed):  # type: ignore[no-untyped-def]
     """Eliminate the chain of element matrices front by front, in place (real or complex).
 
@@ -191,7 +185,7 @@ def factorise(matrices, fixed):  # type: ignore[no-untyped-def]
                     S[i, j] -= factor * S[k, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def solve(factors, b):  # type: ignore[no-untyped-def]
     """Solve with the factors of `factorise`, in place; b is (3 * n_nodes,), real or complex."""
     n_elements = factors.shape[0]
@@ -210,7 +204,7 @@ def solve(factors, b):  # type: ignore[no-untyped-def]
             b[a + k] = value * factors[e, k, k]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def stage_residuals(X, V, a, mass, alpha, weight, length, EA, GA, EI, eta):  # type: ignore[no-untyped-def]
     """Return R_i = M (a_i + alpha v_i) + internal force - weight of every stage i."""
     R, inertial = np.empty_like(X), np.empty_like(weight)
@@ -224,7 +218,7 @@ def stage_residuals(X, V, a, mass, alpha, weight, length, EA, GA, EI, eta):  # t
     return R
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def stage_powers(X, V, mass, alpha, length, EA, GA, EI, eta):  # type: ignore[no-untyped-def]
     """Return the power [W] that Rayleigh damping takes at every stage."""
     powers = np.zeros(X.shape[0])
@@ -242,7 +236,7 @@ def stage_powers(X, V, mass, alpha, length, EA, GA, EI, eta):  # type: ignore[no
     return powers
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def factorise_shifted(mass, C, K, z, fixed, out):  # type: ignore[no-untyped-def]
     """Write the factors of M + z_k C + z_k^2 K for every z_k into out[k]; real or complex."""
     for k in range(out.shape[0]):
@@ -253,7 +247,7 @@ def factorise_shifted(mass, C, K, z, fixed, out):  # type: ignore[no-untyped-def
         factorise(out[k], fixed)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def turn(field, angle, sign):  # type: ignore[no-untyped-def]
     """Turn the (x, y) parts of a nodal field by sign * angle, node by node, in place."""
     for n in range(field.shape[0]):
@@ -262,7 +256,7 @@ def turn(field, angle, sign):  # type: ignore[no-untyped-def]
         field[n, 0], field[n, 1] = c * fx - s * fy, s * fx + c * fy
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def newton_update(  # type: ignore[no-untyped-def]
     R, X, V, a, theta, h, A, to_acceleration, real_part, complex_part
 ):
@@ -288,7 +282,7 @@ def newton_update(  # type: ignore[no-untyped-def]
     return apply_increments(dX, X, V, a, h, A, to_acceleration)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def add_part(residuals, h, part, share, out):  # type: ignore[no-untyped-def]
     """Add what some eigenvalues say of the increments, times `share`; all flat, one row a stage."""
     values, columns, rows, factors = part
@@ -305,7 +299,7 @@ def add_part(residuals, h, part, share, out):  # type: ignore[no-untyped-def]
                 out[i, n] += share * (columns[i, k] * b[n]).real
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def apply_increments(dX, X, V, a, h, A, to_acceleration):  # type: ignore[no-untyped-def]
     """Add displacement increments to the stages, and the velocities and accelerations of these."""
     stages, n_nodes = X.shape[0], X.shape[1]

@@ -21,7 +21,7 @@ but one are zero, the surface holds the static curve of that mode.
 Direct reduced-order modelling: the "true" parameters of modes from static load cases.
 
 Of one mode, the beam is held by the modal force f M phi at many q = phi^T M (x - x_eq), in both
-directions, and reduced as any structure is (`romsindy.structure.coefficients`).
+directions, and reduced as any structure is (`romsindy.structure.held`).
 
 Of several modes, with their static surface x(r):
 
@@ -55,7 +55,7 @@ from romsindy.physics.coupling import Along, CoupledTerm, MixedStiffness, Powers
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.validation import require_positive
-from romsindy.structure.coefficients import coefficients
+from romsindy.structure.held import coefficients
 from romsindy.text import bar
 
 

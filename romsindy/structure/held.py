@@ -1,6 +1,6 @@
 """Shapes that a structure takes under the force of one mode, and what a motion along them feels.
 
-HeldCases by lambda M phi the structure takes a shape x, at q = phi^T M x. With s = x - phi q, what
+Held by lambda M phi the structure takes a shape x, at q = phi^T M x. With s = x - phi q, what
 follows ([1], [2]):
 
     K(q) = lambda                        restoring force, exactly
@@ -9,6 +9,15 @@ follows ([1], [2]):
 Between the cases K - omega^2 q and s are q^2 times Chebyshev polynomials, fitted by least squares:
 value and slope at rest are those of the mode. Cases are added until what they foretell in between
 no longer changes.
+
+The equation of any structure along one mode has the coefficients
+
+    K(q) = omega^2 q + sum_m gamma_m q^m
+    1 + h(q) = 1 + Upsilon_3 q^2 + 2 Upsilon_4 q^3 + Upsilon_5 q^4 + ...
+
+of [2], eqs. (10)-(17). Upsilon_3 = 4 beta_2^T M beta_2 of s(q) = sum_k beta_k q^k. The higher ones
+of [2] are sums of such products as well, but a sum that is cut at some power is wrong at the edge
+of the range: they are fitted to h itself.
 
 [1] E. Nicolaidou, T. L. Hill, S. A. Neild, "Indirect reduced-order modelling: using nonlinear
     manifolds to conserve kinetic energy", Proc. R. Soc. A 476 (2020), doi 10.1098/rspa.2020.0589.
@@ -20,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -377,3 +386,73 @@ class _Side:
         wanted = omega2 * there + float(there**powers @ bent)
         step = np.clip(wanted / force[-1], 1.05, _MOST_LOAD) - 1
         return float(self.sign * force[-1] * (1 + step * 0.5**self.failed))
+
+
+class HeldShapes(Protocol):
+    """What a reduction asks of a structure along one mode."""
+
+    @property
+    def omega2(self) -> float:
+        """Square of the linear frequency, 1/s^2."""
+        ...
+
+    @property
+    def q(self) -> Array:
+        """Coordinates, (n,)."""
+        ...
+
+    @property
+    def force(self) -> Array:
+        """K(q), (n,)."""
+        ...
+
+    @property
+    def inertia(self) -> Array:
+        """1 + h(q), (n,)."""
+        ...
+
+    @property
+    def following(self) -> Array:
+        """x - x_eq - phi q of all freedoms, (n, m)."""
+        ...
+
+    def mass_product(self, field: Array) -> float:
+        """field^T M field of a field (m,)."""
+        ...
+
+
+def coefficients(curve: HeldShapes, order: int) -> dict[str, float]:
+    """omega^2, gamma_2 ... gamma_order and Upsilon_3 ... Upsilon_order of a curve of shapes."""
+    return (
+        {"omega^2": curve.omega2}
+        | stiffness_coefficients(curve, order)
+        | inertia_coefficients(curve, order)
+    )
+
+
+def stiffness_coefficients(curve: HeldShapes, order: int) -> dict[str, float]:
+    """gamma_2 ... gamma_order from the static force."""
+    powers = range(2, order + 1)
+    gamma = _fit(curve.q, (curve.force - curve.omega2 * curve.q)[:, None], powers)[:, 0]
+    return {f"gamma_{m}": float(value) for m, value in zip(powers, gamma, strict=True)}
+
+
+def inertia_coefficients(curve: HeldShapes, order: int) -> dict[str, float]:
+    """Upsilon_3 ... Upsilon_order: the first from the shapes, the others from h(q)."""
+    beta_2 = _fit(curve.q, curve.following, range(2, order))[0]
+    first = 4.0 * curve.mass_product(beta_2)
+    left = curve.inertia - 1.0 - first * curve.q**2
+    powers = range(3, order)
+    found = {"Upsilon_3": first}
+    for power, value in zip(powers, _fit(curve.q, left[:, None], powers), strict=True):
+        # odd powers carry 2 Upsilon, as in [2]
+        found[f"Upsilon_{power + 1}"] = float(value[0]) / (2.0 if power % 2 else 1.0)
+    return found
+
+
+def _fit(q: Array, values: Array, powers: range) -> Array:
+    """Least-squares coefficients, (n_powers, n_columns), of the powers of q."""
+    scale = np.abs(q).max()
+    columns = np.power.outer(q / scale, np.array(powers))
+    solution, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return np.asarray(solution / scale ** np.array(powers)[:, None])

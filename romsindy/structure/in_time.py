@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.simulator.force import Force, acting
+from romsindy.structure import kernel
 from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
@@ -17,62 +18,46 @@ _BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 
 
 class RungValues(NamedTuple):
-    """Functions of q; vectors are x', x'', psi, psi', psi'', which are 2 + 3 k."""
+    """Functions of one q."""
 
-    force: Array  # (l,), K
-    moved: Array  # (l,), x of the point
-    point: Array  # the vectors at the point, (l, 2 + 3 k)
-    follows: Array  # s' of the modes that ring, where these follow at rest, (l, k)
-    inertia: Array  # products of the vectors, with the mass at the point, (l, 2 + 3 k, 2 + 3 k)
-    stiffness: Array  # W, (l, k, k)
+    force: float  # K
+    moved: float  # x of the point
+    point: Array  # x', x'', psi, psi', psi'' there, (2 + 3 k,)
+    stiffness: Array  # W, (k, k)
     stiffness_q: Array  # W'
 
 
 class RungTables(NamedTuple):
-    """Functions of q of l structures or points, as sums of Chebyshev polynomials."""
+    """Functions of q as sums of Chebyshev polynomials over its range.
 
-    centre: Array  # (l,), of the range of q
-    half: Array  # (l,), of its length
-    table: Array  # (l, values, terms)
+    Those of the ``curve`` are products of x', x'', psi, psi' and psi'', the lower triangle of their
+    matrix, then K, s' of the modes that ring, where these follow at rest, W and W'. Those of the
+    ``point`` are x and these vectors there, and the mass that is added there.
+    """
+
+    centre: float  # of the range of q
+    half: float  # of its length
+    curve: Array  # (terms, values)
+    point: Array  # (terms, 4 + 3 k)
     k: int  # modes that ring
 
-    @classmethod
-    def together(cls, several: Sequence[RungTables]) -> RungTables:
-        """Those of several."""
-        joined = zip(*(s[:3] for s in several), strict=True)
-        return cls._make([*map(np.concatenate, joined), several[0].k])
-
-    def beyond(self, q: Array) -> Array:
-        """Whether each q, (l,), is where nothing is foretold any more."""
-        return np.asarray(~(np.abs(q - self.centre) < _BEYOND * self.half))
-
-    def left(self, i: int) -> str:
+    @property
+    def left(self) -> str:
         """What is to be said of a motion that went there."""
-        low, high = self.centre[i] - self.half[i], self.centre[i] + self.half[i]
+        low, high = self.centre - self.half, self.centre + self.half
         return (
             f"the motion leaves the range that was held, q = {low:.4g} to {high:.4g}: hold it over"
             " a larger one"
         )
 
-    def at(self, q: Array) -> RungValues:
-        """The functions at each q, (l,)."""
-        k, x = self.k, (q - self.centre) / self.half
-        orders, n = np.arange(self.table.shape[2]), 2 + 3 * self.k
-        terms = np.cos(np.arccos(np.clip(x, -1, 1))[:, None] * orders)
-        for i in np.flatnonzero(np.abs(x) > 1):
-            out = np.arccosh(min(abs(x[i]), _BEYOND))
-            terms[i] = np.sign(x[i]) ** orders * np.cosh(orders * out)
-        v = (self.table @ terms[..., None])[..., 0]
-        first, second = 2 + n + k, 2 + n + k + n * n
-        return RungValues(
-            v[:, 0],
-            v[:, 1],
-            v[:, 2 : 2 + n],
-            v[:, 2 + n : first],
-            v[:, first:second].reshape(len(v), n, n),
-            v[:, second : second + k * k].reshape(len(v), k, k),
-            v[:, second + k * k :].reshape(len(v), k, k),
-        )
+    def at(self, q: float) -> RungValues:
+        """The functions at q."""
+        k, terms = self.k, np.empty(len(self.curve))
+        kernel.polynomials((q - self.centre) / self.half, terms)
+        moved, *point, _ = terms @ self.point
+        v = (terms @ self.curve)[(2 + 3 * k) * (3 + 3 * k) // 2 :]
+        stiffness, slope = v[1 + k :].reshape(2, k, k)
+        return RungValues(float(v[0]), float(moved), np.array(point), stiffness, slope)
 
 
 class Swing(NamedTuple):
@@ -108,7 +93,7 @@ def side_by_side(swings: Sequence[Swing]) -> list[Array | ValueError]:
     for numbers in alike.values():
         numbers.sort(key=lambda i: len(swings[i].t))  # those that end together are together
         for first in range(0, len(numbers), _MOST):
-            some = numbers[first : first + _MOST]
+            some = sorted(numbers[first : first + _MOST], key=lambda i: id(swings[i].tables.curve))
             found |= dict(zip(some, _in_time([swings[i] for i in some]), strict=True))
     return [found[i] for i in range(len(swings))]
 
@@ -124,8 +109,9 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
     half = np.stack([_propagator(s.omega2, s.rates, h / 2) for s in swings])
     beside = _BesideLinear(swings)
 
-    def later(y: Array) -> Array:
-        return (half @ y[..., None])[..., 0]
+    def later(y: Array, by: Array) -> Array:
+        kernel.step(y, by, half, found := np.empty_like(y))
+        return found
 
     def pushed(y: Array, by: Array) -> Array:
         moved = y.copy()
@@ -133,18 +119,18 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
         return moved
 
     y = np.stack([s.start.ravel() for s in swings])
-    out = np.empty((len(swings), len(t), 2 * m))
+    out, still = np.empty((len(swings), len(t), 2 * m)), np.zeros((len(swings), m))
     for i, time in enumerate(t.tolist()):
         beside.check(y)
         out[:, i] = y
         for j in range(parts if i + 1 < len(t) else 0):
-            s, middle = time + j * h, later(y)
+            s, middle = time + j * h, later(y, still)
             a = beside(s, y)
-            b = beside(s + h / 2, later(pushed(y, h / 2 * a)))
+            b = beside(s + h / 2, later(y, h / 2 * a))
             c = beside(s + h / 2, pushed(middle, h / 2 * b))
-            d = beside(s + h, later(pushed(middle, h * c)))
-            first = later(pushed(y, h / 6 * a))
-            y = pushed(later(pushed(first, h / 3 * (b + c))), h / 6 * d)
+            d = beside(s + h, later(middle, h * c))
+            first = later(y, h / 6 * a)
+            y = pushed(later(first, h / 3 * (b + c)), h / 6 * d)
     rows = zip(out, swings, beside.troubles, strict=True)
     return [
         ValueError(trouble) if trouble else x[: len(s.t)].reshape(-1, 2, m)
@@ -153,83 +139,55 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
 
 
 class _BesideLinear:
-    """Accelerations (k, m) of k motions beside those of their linear modes."""
+    """Accelerations (l, m) of l motions beside those of their linear modes."""
 
     def __init__(self, swings: Sequence[Swing]) -> None:
-        self.tables = RungTables.together([s.tables for s in swings])
-        self.push = acting([s.force for s in swings])
+        self.tables, self.push = [s.tables for s in swings], acting([s.force for s in swings])
         self.troubles = [""] * len(swings)
-        self.omega2 = np.stack([s.omega2 for s in swings])
-        self.rates = np.stack([s.rates for s in swings])
-        self.alpha = np.array([s.alpha for s in swings])
-        self.stiffer = np.array([s.stiffer for s in swings])
-        self.length = np.array([s.length for s in swings])
-        self.unit = np.array([s.unit for s in swings])
-        k, m = self.omega2.shape
-        self.own = self.rates - self.alpha[:, None]
-        # Tangents of q, and what does not follow accelerations, of the vectors of `RungValues`
-        self.tangent, self.bends = np.zeros((2, k, 3 * m - 1, 1))
-        self.tangent[:, 0] = 1.0
-        self.mass, self.free, self.along = np.tile(np.eye(m), (k, 1, 1)), *np.empty((2, k, m))
+
+        def of_each(name: str) -> Array:
+            return np.array([getattr(s, name) for s in swings])
+
+        self.known = [*map(of_each, ("omega2", "rates", "alpha", "stiffer"))]
+        self.length, self.unit = of_each("length"), of_each("unit")
+        count, m = self.known[0].shape
+        curves = [s.curve for s in self.tables]
+        first = [i for i, c in enumerate(curves) if not i or c is not curves[i - 1]]
+        spans = np.array([(s.centre, s.half) for s in self.tables]).T.copy()
+        points = np.stack([s.point for s in self.tables])
+        self.given = *spans, np.array([*first, count]), np.stack([curves[i] for i in first]), points
+        # Polynomials, functions of the curve and of the point, and what a force does work along
+        sizes = (points.shape[1], curves[0].shape[1], points.shape[2], m)
+        self.terms, self.values, self.there, self.along = (np.empty((count, n)) for n in sizes)
+        self.moved, self.speed, self.pushes = np.zeros((3, count))
+        self.mass, self.massless = np.empty((m, m)), np.zeros(count, bool)
 
     def check(self, y: Array) -> None:
         """Let motions rest that left what is known of their structure, and say so."""
-        for i in np.flatnonzero(self.tables.beyond(y[:, 0])).tolist():
-            self._end(i, y, self.tables.left(i))
-        try:
-            np.linalg.cholesky(self.mass)
-        except np.linalg.LinAlgError:
-            for i, mass in enumerate(self.mass):
-                known = np.all(np.isfinite(mass))
-                if not (known and np.all(np.linalg.eigvalsh(mass) > 0)):
-                    self._end(i, y, "the inertia of the motion is not positive: hold more shapes")
+        centre, half, *_ = self.given
+        for i in np.flatnonzero(~(np.abs(y[:, 0] - centre) < _BEYOND * half)).tolist():
+            self._end(i, y, self.tables[i].left)
+        for i in np.flatnonzero(self.massless).tolist():
+            self._end(i, y, "the inertia of the motion is not positive: hold more shapes")
 
     def _end(self, i: int, y: Array, why: str) -> None:
         self.troubles[i] = self.troubles[i] or why
-        y[i], self.mass[i] = 0.0, np.eye(self.mass.shape[1])
+        y[i] = 0.0
 
     def __call__(self, t: float, y: Array) -> Array:
-        m = self.omega2.shape[1]
-        psi, turned, curved = slice(2, 1 + m), slice(1 + m, 2 * m), slice(2 * m, None)
-        here, r, v = self.tables.at(y[:, 0]), y[:, 1:m], y[:, m:]
-        q_dot, rung = v[:, :1], v[:, 1:]
-        modal = here.follows * q_dot + rung
-        tangent, bends = self.tangent, self.bends
-        mass, free, along = self.mass, self.free, self.along
-        tangent[:, turned, 0] = r
-        bends[:, 1, 0] = v[:, 0] ** 2
-        bends[:, turned, 0] = 2 * q_dot * rung
-        bends[:, curved, 0] = q_dot**2 * r
-        both = here.inertia @ np.concatenate([tangent, bends], axis=2)
-        momentum, turning = both[..., 0], both[..., 1]
-        mass[:, 0, 0] = _each(momentum, tangent[..., 0])
-        mass[:, 0, 1:] = mass[:, 1:, 0] = momentum[:, psi]
-        mass[:, 1:, 1:] = here.inertia[:, psi, psi]
-        rung_column = r[..., None]
-        softer = _each((here.stiffness_q @ rung_column)[..., 0], r) / 2
-        stiff = (here.stiffness @ rung_column)[..., 0]
-        free[:, 0] = -_each(turning, tangent[..., 0]) - self.stiffer * (here.force + softer)
-        free[:, 0] -= self.own[:, 0] * v[:, 0] + _each(here.follows, self.own[:, 1:] * modal)
-        free[:, 1:] = -turning[:, psi] - self.stiffer[:, None] * stiff - self.own[:, 1:] * modal
-        along[:, 0], along[:, 1:] = _each(here.point, tangent[..., 0]), here.point[:, psi]
-        right = free - self.alpha[:, None] * (mass @ v[..., None])[..., 0]
+        here = self.values, self.there, self.along
+        kernel.look(y, *self.given, self.terms, *here, self.moved, self.speed)
         if self.push is not None:
-            moved = self.length * (here.moved + _each(here.point[:, psi], r))
-            speed = self.length * _each(along, v)
-            right += (self.push(t, moved, speed) / self.unit)[:, None] * along
-        solved = np.linalg.solve(mass, right[..., None])[..., 0]
-        return np.asarray(solved + self.omega2 * y[:, :m] + self.rates * v)
-
-
-def _each(a: Array, b: Array) -> Array:
-    """Products of rows, (k,)."""
-    return np.asarray(np.einsum("ij,ij->i", a, b))
+            moved = self.push(t, self.length * self.moved, self.length * self.speed)
+            self.pushes = moved / self.unit
+        out = np.empty_like(self.along)
+        kernel.accelerate(y, *here, self.pushes, *self.known, self.mass, out, self.massless)
+        return out
 
 
 def _propagator(omega2: Array, damping: Array, h: float) -> Array:
-    """(2 m, 2 m): displacements and rates of linear modes after a time, from those before."""
+    """(m, 4): displacements and rates of linear modes after a time, by those before."""
     turned = np.sqrt(omega2 - damping**2 / 4 + 0j)
     c, s = np.cos(turned * h), np.sin(turned * h) / turned
-    slow = np.exp(-damping / 2 * h)
-    rows = [[c + damping / 2 * s, s], [-omega2 * s, c - damping / 2 * s]]
-    return np.block([[np.diag(np.real(slow * x)) for x in row] for row in rows])
+    rows = [c + damping / 2 * s, s, -omega2 * s, c - damping / 2 * s]
+    return np.real(np.exp(-damping / 2 * h) * np.stack(rows)).T.copy()

@@ -18,8 +18,7 @@ import numpy as np
 
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.validation import require_positive
-from romsindy.structure.coefficients import coefficients
-from romsindy.structure.held import CurveError, Found, HeldCurve
+from romsindy.structure.held import CurveError, Found, HeldCurve, coefficients
 from romsindy.structure.linear import LinearModel
 from romsindy.text import TextTable, listed, percent
 from romsindy.typing import Array

@@ -124,42 +124,34 @@ class RungModes:
         inertia = parts @ self.products @ np.swapaxes(parts, 1, 2)
         follows = along @ self.products[1 + k : first, 1 : 1 + k]
         stiffness = [self.stiffness_at(q, slope=slope) for slope in (False, True)]
-        columns: list[Array] = [curve.force_at(q), follows, inertia, *stiffness]
-        return AlongCurve(
-            q, fit, parts, *(np.tensordot(fit, x.reshape(_FINE, -1), 1) for x in columns)
-        )
+        rows, columns = np.tril_indices(2 + 3 * k)
+        own = inertia[:, rows, columns], curve.force_at(q), follows, *stiffness
+        values = np.hstack([x.reshape(_FINE, -1) for x in own])
+        return AlongCurve((low + high) / 2, half, q, fit, parts, fit @ values)
 
     def at_point(self, row: int, mass: float) -> RungTables:
         """What the motion asks of one q after the other, with a mass at a freedom.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
         """
-        known, (low, high) = self._sampled, self.curve.range
+        known = self._sampled
         phi, follows = self.curve.mode.shape[row], self.curve.follows[:, row]
         shapes = np.array([phi, *self.shapes[:, row], *follows, *self.bent[:, :, row].ravel()])
-        point = known.parts @ shapes
-        inertia = known.inertia
-        if mass:
-            added = mass * point[:, :, None] * point[:, None, :]
-            inertia = inertia + known.fit @ added.reshape(_FINE, -1)
         moved = known.q * phi + self.curve.powers_at(known.q) @ follows
-        at_row = known.fit @ np.column_stack([moved, point])
-        columns = known.force, at_row, known.follows, inertia, known.stiffness, known.stiffness_q
-        span = np.array([[(low + high) / 2], [(high - low) / 2]])
-        return RungTables._make([*span, np.hstack(columns).T[None], len(self.omega2)])
+        columns = np.column_stack([moved, known.parts @ shapes, np.full(_FINE, mass)])
+        at_row = known.fit @ columns
+        return RungTables(known.centre, known.half, known.table, at_row, len(self.omega2))
 
 
 class AlongCurve(NamedTuple):
-    """What `RungTables` hold whatever the point is: coefficients, (terms, columns) each."""
+    """What `RungTables` hold whatever the point is."""
 
+    centre: float  # of the range of q
+    half: float  # of its length
     q: Array  # Chebyshev points of the range
     fit: Array  # coefficients from values there
-    parts: Array  # of the vectors of `RungValues`, in the shapes of which they are sums
-    force: Array
-    follows: Array
-    inertia: Array
-    stiffness: Array
-    stiffness_q: Array
+    parts: Array  # of the vectors of `RungTables`, in the shapes of which they are sums
+    table: Array  # of functions of the curve, (terms, values)
 
 
 def _powers(curve: HeldCurve, q: Array, order: int, slope: bool = False) -> Array:

@@ -375,24 +375,25 @@ class StructureSimulator:
         What was added at the point bends the structure as well, as far as it does so at rest; it is
         ``over`` times as stiff as its tables say.
         """
-        both, k = RungTables.together([self._at_first, point]), point.k
+        k = point.k
 
         def rung(q: float) -> tuple[float, Array]:
             """The displacement of the first sensor, and the coordinates of other modes."""
-            here = both.at(np.array([q, q]))
-            slopes, psi, turned = here.point[:, 0], here.point[:, 2 : 2 + k], here.point[:, 2 + k :]
-            pushed, bent = np.linalg.solve(here.stiffness[0], psi.T).T  # by a unit of force
+            here, there = self._at_first.at(q), point.at(q)
+            both = np.stack([here.point, there.point])
+            slopes, psi, turned = both[:, 0], both[:, 2 : 2 + k], both[:, 2 + k : 2 + 2 * k]
+            pushed, bent = np.linalg.solve(here.stiffness, psi.T).T  # by a unit of force
             r, push = np.zeros(k), 0.0
             for _ in range(_SETTLES):
                 if force is not None:
-                    x = float(here.moved[1] + psi[1] @ r)
+                    x = float(there.moved + psi[1] @ r)
                     push = force(0.0, self.units.length * x, 0.0) / self.units.force / over
-                size, along = 0.0, slopes + turned[:, :k] @ r
+                size, along = 0.0, slopes + turned @ r
                 if self.held_by == "force":
-                    needed = here.force[0] + r @ here.stiffness_q[0] @ r / 2 - along[1] * push
+                    needed = here.force + r @ here.stiffness_q @ r / 2 - along[1] * push
                     size = float(needed / along[0])
                 r = size * pushed + push * bent
-            return float(here.moved[0] + psi[0] @ r), r
+            return float(here.moved + psi[0] @ r), r
 
         def off(q: float) -> float:
             return rung(q)[0] - release
