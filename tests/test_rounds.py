@@ -10,7 +10,10 @@ OPTIONS = Options((), 0.01, 2, 1e-4, 1, lambda _: None)
 
 
 class _Turning(Rounds):
-    """Each look at it, by what is on the structure, finds what a table says."""
+    """Each look at it, by what is on the structure, finds what a table says.
+
+    An exponent is the textbook's in what ends with a prime.
+    """
 
     def __post_init__(self) -> None:
         self.clear, self.seen = [], []
@@ -19,17 +22,19 @@ class _Turning(Rounds):
         return list(parts)
 
     def _look(self, effects, found, most):
-        on = "".join(p.effect.name for p in found)
+        on = "".join(p.said for p in found)
         self.seen.append(on)
-        names = self.model[on]
-        part = SimpleNamespace(effect=SimpleNamespace(name=names))
-        best = SimpleNamespace(names=(names,), parts=[part], effects=[part])
+        said = self.model[on]
+        name, free = said.removesuffix("'"), not said.endswith("'")
+        exponent = SimpleNamespace(low=2.5, high=3.5 if free else 2.5)
+        part = SimpleNamespace(effect=SimpleNamespace(name=name), said=said, parameters=[exponent])
+        best = SimpleNamespace(names=(name,), parts=[part], effects=[part])
         return SimpleNamespace(
             verdict="named", best=best, rivals=(best,), compared=(), interrupted=False
         )
 
     def _settled(self, parts, report):
-        return frozenset(p.effect.name for p in parts) == frozenset(report.best.names)
+        return {p.said for p in parts} == {p.said for p in report.best.parts}
 
     def _checked(self, report):
         return report
@@ -43,11 +48,17 @@ def _looks(table):
     structure = SimpleNamespace(with_effects=tuple, failures=(), apart=False)
     given = ([], [], False, [], [], OPTIONS, [], NO_FORM_ERROR)
     rounds = _Turning(structure, None, table, *given)
-    rounds.run((), [])
-    return rounds.seen
+    found = rounds.run((), [])
+    return rounds.seen, "".join(p.said for p in found.report.best.parts)
 
 
 def test_what_takes_turns_is_looked_at_no_further_than_once_around():
     """Each from the structure with the other: the third time that it comes it would go on so."""
-    assert _looks({"": "a", "a": "b", "b": "a"}) == ["", "a", "b", "a"]
-    assert _looks({"": "a", "a": "b", "b": "b"}) == ["", "a", "b"]
+    assert _looks({"": "a", "a": "b", "b": "a"})[0] == ["", "a", "b", "a"]
+    assert _looks({"": "a", "a": "b", "b": "b"})[0] == ["", "a", "b"]
+
+
+def test_an_exponent_that_takes_turns_is_that_of_the_textbook():
+    """From the structure with the one the other is found: the first that has fewer values stays."""
+    assert _looks({"": "a", "a": "a'", "a'": "a"}) == (["", "a", "a'"], "a'")
+    assert _looks({"": "a'", "a'": "a", "a": "a'"}) == (["", "a'", "a", "a'"], "a'")

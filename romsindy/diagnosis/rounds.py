@@ -136,7 +136,8 @@ class Rounds:
 
         One effect that closes the gap counts more than several that fit a little better. ``parts``
         are on the structure that was simulated before. Where two explanations take turns, each
-        from the structure with the other, both are told.
+        from the structure with the other, both are told. Where values of the same effects do, with
+        an exponent that is now the textbook's and now another, it is the textbook's.
         """
         most, found = 1, before
         reports: list[DiagnosisReport] = []
@@ -152,7 +153,7 @@ class Rounds:
                 (_, found, parts), last = last, None
                 self.return_to(found)
                 continue
-            if self._settled(parts, report):
+            if self._settled(self.in_equation(parts), report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
                     return Outcome(self._checked(report), parts, found)
                 most, turns = self.options.max_effects, []
@@ -161,6 +162,8 @@ class Rounds:
                 turns.append((names_of(last[0].best), names_of(report.best)))
                 if turns[-1][0] != turns[-1][1] and turns[-1] in turns[:-1]:
                     break
+                if len(reports) > 2 and self._rounds_again(*reports[-3:]):
+                    return Outcome(self._checked(last[0]), parts, found)
             last = report, found, parts
             parts = self.next_parts(parts, self._simulated_of(report).parts)
             try:
@@ -246,6 +249,14 @@ class Rounds:
                 return rival
         return next(iter(self.near(report, 1)), report.best)
 
+    def _rounds_again(self, *reports: DiagnosisReport) -> bool:
+        """Whether the third says what the first did, and the second the same with fewer values."""
+        first, second, third = (self._simulated_of(r) for r in reports)
+        free = [
+            sum(p.low < p.high for x in h.effects for p in x.parameters) for h in (second, third)
+        ]
+        return free[0] < free[1] and self._settled(first.parts, reports[2])
+
     def _settled(self, parts: Sequence[Part], report: DiagnosisReport) -> bool:
         """Whether the effects that were simulated are those found, within some standard errors.
 
@@ -256,7 +267,7 @@ class Rounds:
         rows = zip(chosen.parts, chosen.solution.slices(), strict=True)
         there = [(p, own) for p, own in rows if self.structure.with_effects([p])]
         after = {key_of(p): (p.values, errors[own]) for p, own in there}
-        before = {key_of(p): p.values for p in self.in_equation(parts)}
+        before = {key_of(p): p.values for p in self.structure.with_effects(parts)}
         if set(before) != set(after):
             return False
         return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())

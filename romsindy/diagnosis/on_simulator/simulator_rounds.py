@@ -64,6 +64,7 @@ _LISTENED = 3  # times that all sensors are heard, each with the best so far in 
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
 _INSTEAD = 50.0  # of chi-square in the coordinate: by less it hardly tells values from effects
+_TIMES = 5.0  # by more an equation needs no other strength than what is in the simulator
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
@@ -276,7 +277,7 @@ class SimulatorRounds(Rounds):
             return self._brought_nearer(found)
         best = self.likeliest(asked, self._heard(asked, found))
         if best.names != report.best.names or self.structure is not before:
-            parts = self.structure.with_effects(best.parts)
+            parts = self.next_parts(found.parts, best.parts)
             return self._brought_nearer(self.run((), self.from_measured(parts), parts))
         look = self._look((), found.corrected, len(report.best.effects))
         if look.best.names == best.names:
@@ -539,9 +540,22 @@ class SimulatorRounds(Rounds):
         there = {key_of(p): p for p in parts}
         own = {key_of(p): p for p in self.own}
         return tuple(
-            p.moved(there[key].values - own[key].values) if (key := key_of(p)) in there else p
+            p.moved(_less(p, there[key], own[key])) if (key := key_of(p)) in there else p
             for p in self.structure.with_effects(found)
         )
+
+
+def _less(found: Part, there: Part, own: Part) -> Array:
+    """Change of a part that was found, where the equation needs its ``own`` for what is there.
+
+    It needs so many times the strength of what acts, and so much more of a value.
+    """
+    more, n = there.values - own.values, found.strengths.size
+    if not isinstance(found.effect, ValueEffect):
+        times = there.values[:n] / np.where(own.values[:n] == 0, np.nan, own.values[:n])
+        alike = (times > 1 / _TIMES) & (times < _TIMES)
+        more[:n] = np.where(alike, (times - 1) * found.values[:n], more[:n])
+    return more
 
 
 def _rung(record: Record, found: Corrected) -> tuple[float, ...]:
