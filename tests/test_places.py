@@ -1,11 +1,18 @@
 """Where on a structure something acts, against places that are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from solid_decks import structure_trials
 
 import romsindy as rs
-from romsindy.diagnosis.on_simulator.candidates import PlaceSearch
+from romsindy.diagnosis.on_simulator.candidates import (
+    Candidate,
+    CandidateSearch,
+    PlaceSearch,
+    Points,
+)
 
 PLATE = {
     f"{i}:3": np.array([x, y, 0.0])
@@ -107,3 +114,27 @@ def test_a_damper_and_a_mass_on_a_chain_are_found_where_they_are(seed):
     else:
         assert -report.force(0.0, 0.0, 1.0) == pytest.approx(hidden.strength, rel=0.05)
     assert f"at {hidden.node}:3" in report.recipe
+
+
+class _Gains(CandidateSearch):
+    """What something explains at each point, which a table says."""
+
+    def _told_by(self, candidates):
+        return [c._replace(gain=self.look[c.there.at_point]) for c in candidates]
+
+
+def test_what_is_compared_is_at_its_likeliest_place():
+    """Found among 561 points by asking some at ever smaller distances about the best of 17."""
+    at = np.array([0.4375, 0.3125, 0.0])
+    gains = {p: 1.0 / (0.01 + np.sum((x - at) ** 2)) for p, x in PLATE.items()}
+
+    def there(names):
+        return [SimpleNamespace(at_point=name) for name in names]
+
+    points = Points(PLATE, "280:3")
+    first, reach = points.apart()
+    best = max((Candidate(None, t, gains[t.at_point]) for t in there(first)), key=lambda c: c.gain)
+    search = _Gains(SimpleNamespace(here=SimpleNamespace(at=there)), None, gains)
+    found = search._nearer(best, points, reach)
+    assert max(found, key=lambda c: c.gain).there.at_point == max(gains, key=gains.get)
+    assert len(found) < 80

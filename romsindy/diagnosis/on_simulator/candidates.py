@@ -95,9 +95,9 @@ class Points:
         """Of all points, (n, 3)."""
         return np.array([*self.points.values()])
 
-    def apart(self) -> list[str]:
-        """Points far from each other, the own one among them."""
-        return self.spread({self.own}, np.inf, _LEVELS[0][1])[0]
+    def apart(self) -> tuple[list[str], float]:
+        """Points far from each other, the own one among them; how far the rest is from them."""
+        return self.spread({self.own}, np.inf, _LEVELS[0][1])
 
     def nearest(self, point: str) -> list[str]:
         """Points about another one, the nearest first."""
@@ -153,7 +153,7 @@ class PlaceSearch(Points):
     @cached_property
     def first(self) -> float:
         """The least misfit on the first cycles of points that are far from each other."""
-        far = self.apart() if self.points else [self.own]
+        far = self.apart()[0] if self.points else [self.own]
         return min(self.left(far, _LEVELS[0][0]).values())
 
     def likeliest(self, most: float = np.inf) -> tuple[float, PlaceOnStructure | None]:
@@ -217,6 +217,7 @@ def _distance(places: Array, others: Array) -> Array:
 _NEW = 1e-9  # of a column beside others
 _LITTLE = 1e-3  # of the restoring force: half as much in frequency, which does not matter
 _FEW = 3  # of what may be missing: as many are fitted to all sensors
+_NEARER = 16  # points about the likeliest place of something, at a time
 
 
 class Candidate(NamedTuple):
@@ -337,23 +338,35 @@ class CandidateSearch:
     def promising(self, effects: Iterable[Effect]) -> list[Candidate]:
         """The few of some effects and values that tell most, the likeliest first.
 
-        Each is looked for among points that are far from each other, then near the likeliest.
+        Each is looked for among points that are far from each other, then about the likeliest.
         """
         here, known = self.fit.here, scales(self.fit.records)
         points = Points(here.points, here.at_point)
-        far = here.at(points.apart()) if here.points else [here]
+        names, reach = points.apart() if here.points else ([], 0.0)
+        far = here.at(names) if names else [here]
         little = little_of(effects, here, known, len(self.fit.records))
         asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
         found = self._told_by(asked)
         for c in best_of_each(found)[:_FEW] if here.points else ():
             if here.acts([c.part]):
-                near = here.at(points.nearest(c.there.at_point))
-                found += self._told_by([c._replace(there=t) for t in near])
+                found += self._nearer(c, points, reach)
         best = best_of_each([c for c in found if matters(c.part, known)])
         left = self.look.left
         least = float(left @ left) - max((c.gain for c in best), default=0.0)
         noise = max(least / len(left), 1.0)
         return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
+
+    def _nearer(self, best: Candidate, points: Points, reach: float) -> list[Candidate]:
+        """The same at points about its likeliest place, from ``reach`` on ever nearer to it."""
+        found, asked = [best], {best.there.at_point}
+        while True:
+            near, reach = points.spread({best.there.at_point}, reach, _NEARER)
+            new = [point for point in near if point not in asked]
+            if not new:
+                return found
+            asked.update(new)
+            found += self._told_by([best._replace(there=t) for t in self.fit.here.at(new)])
+            best = max(found, key=lambda c: c.gain)
 
     def _told_by(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with their likeliest strengths, those that move at all."""
