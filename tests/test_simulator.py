@@ -359,8 +359,8 @@ def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
     structure = SimpleNamespace(with_effects=tuple)
     rounds = SimpleNamespace(structure=structure, own=(free.moved(np.array([-1.0, 0, 0])),))
     (found,) = SimulatorRounds.next_parts(rounds, (free,), (held,))
-    # By how much more is in the simulator than in its equation.
-    assert found.values == pytest.approx([46.0, 0.0101, 1.0], rel=1e-12)
+    # In the simulator it is so many times as strong as in its equation, a value so much larger.
+    assert found.values == pytest.approx([45.0 * 40.0 / 39.0, 0.0101, 1.0], rel=1e-12)
     assert found.moved(np.array([0.0, 0.0, 0.1])).values[-1] == 1.0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from romsindy.typing import Array
 
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
 _MOST = 64  # motions at once: their tables fit into the cache
+_LATER = (0.0, 0.5, 0.5, 1.0)  # of a step: when its stages are
+_MASSLESS = "the inertia of the motion is not positive: hold more shapes"
 _BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 
 
@@ -105,84 +107,72 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
     constants", SIAM J. Numer. Anal. 4 (1967), doi 10.1137/0704033, of the fourth order.
     """
     t, parts = max((s.t for s in swings), key=len), swings[0].parts
-    h, m = (t[1] - t[0]) / parts, len(swings[0].omega2)
-    half = np.stack([_propagator(s.omega2, s.rates, h / 2) for s in swings])
-    beside = _BesideLinear(swings)
-
-    def later(y: Array, by: Array) -> Array:
-        kernel.step(y, by, half, found := np.empty_like(y))
-        return found
-
-    def pushed(y: Array, by: Array) -> Array:
-        moved = y.copy()
-        moved[:, m:] += by
-        return moved
-
-    y = np.stack([s.start.ravel() for s in swings])
-    out, still = np.empty((len(swings), len(t), 2 * m)), np.zeros((len(swings), m))
-    for i, time in enumerate(t.tolist()):
-        beside.check(y)
-        out[:, i] = y
-        for j in range(parts if i + 1 < len(t) else 0):
-            s, middle = time + j * h, later(y, still)
-            a = beside(s, y)
-            b = beside(s + h / 2, later(y, h / 2 * a))
-            c = beside(s + h / 2, pushed(middle, h / 2 * b))
-            d = beside(s + h, later(middle, h * c))
-            first = later(y, h / 6 * a)
-            y = pushed(later(first, h / 3 * (b + c)), h / 6 * d)
-    rows = zip(out, swings, beside.troubles, strict=True)
+    h, together = float(t[1] - t[0]) / parts, _SideBySide(swings)
+    states = together.states(t, parts, h)
+    rows = zip(states, swings, together.troubles, strict=True)
     return [
-        ValueError(trouble) if trouble else x[: len(s.t)].reshape(-1, 2, m)
+        ValueError(trouble) if trouble else x[: len(s.t)].reshape(len(s.t), 2, -1)
         for x, s, trouble in rows
     ]
 
 
-class _BesideLinear:
-    """Accelerations (l, m) of l motions beside those of their linear modes."""
+class _SideBySide:
+    """Motions of equal steps, and what compiled loops ask of them."""
 
     def __init__(self, swings: Sequence[Swing]) -> None:
-        self.tables, self.push = [s.tables for s in swings], acting([s.force for s in swings])
-        self.troubles = [""] * len(swings)
+        self.swings, self.push = swings, acting([s.force for s in swings])
 
-        def of_each(name: str) -> Array:
-            return np.array([getattr(s, name) for s in swings])
+        def of_each(name: str, of: Sequence[Any] = swings) -> Array:
+            return np.array([getattr(s, name) for s in of])
 
-        self.known = [*map(of_each, ("omega2", "rates", "alpha", "stiffer"))]
+        self.known = tuple(map(of_each, ("omega2", "rates", "alpha", "stiffer")))
         self.length, self.unit = of_each("length"), of_each("unit")
-        count, m = self.known[0].shape
-        curves = [s.curve for s in self.tables]
+        self.y = of_each("start").reshape(len(swings), -1)
+        tables = [s.tables for s in swings]
+        curves = [s.curve for s in tables]
         first = [i for i, c in enumerate(curves) if not i or c is not curves[i - 1]]
-        spans = np.array([(s.centre, s.half) for s in self.tables]).T.copy()
-        points = np.stack([s.point for s in self.tables])
-        self.given = *spans, np.array([*first, count]), np.stack([curves[i] for i in first]), points
-        # Polynomials, functions of the curve and of the point, and what a force does work along
-        sizes = (points.shape[1], curves[0].shape[1], points.shape[2], m)
-        self.terms, self.values, self.there, self.along = (np.empty((count, n)) for n in sizes)
-        self.moved, self.speed, self.pushes = np.zeros((3, count))
-        self.mass, self.massless = np.empty((m, m)), np.zeros(count, bool)
+        own = np.stack([curves[i] for i in first]), of_each("point", tables)
+        firsts = np.array([*first, len(swings)])
+        self.given = of_each("centre", tables), of_each("half", tables), firsts, *own
+        count, terms, n = len(swings), *own[1].shape[1:]
+        m = self.known[0].shape[1]
+        # Polynomials, functions of the curve and of the point, what a force does work along; then
+        # displacements and velocities of the points
+        sizes = (count, terms), (count, curves[0].shape[1]), (count, n), (count, m), count, count
+        self.here = tuple(np.zeros(size) for size in sizes)
+        self.pushes, self.gone = np.zeros(count), np.zeros(count, bool)
+        self.found = np.empty((m, m)), np.zeros(count, bool)
 
-    def check(self, y: Array) -> None:
-        """Let motions rest that left what is known of their structure, and say so."""
-        centre, half, *_ = self.given
-        for i in np.flatnonzero(~(np.abs(y[:, 0] - centre) < _BEYOND * half)).tolist():
-            self._end(i, y, self.tables[i].left)
-        for i in np.flatnonzero(self.massless).tolist():
-            self._end(i, y, "the inertia of the motion is not positive: hold more shapes")
+    def states(self, t: Array, parts: int, h: float) -> Array:
+        """Of all at times t (n,), in steps of h: (l, n, 2 m)."""
+        y, m = self.y.copy(), self.y.shape[1] // 2
+        half = np.stack([_propagator(s.omega2, s.rates, h / 2) for s in self.swings])
+        kept = half, y.copy(), np.empty_like(y), *np.empty((3, len(y), m))
+        states = np.empty((len(y), len(t), 2 * m))
+        given = y, kept, self.known, self.given, self.here, self.pushes
+        if self.push is None:
+            kernel.run(states, parts, h, _BEYOND, *given, self.gone, self.found)
+            return states
+        *_, moved, speed = self.here
+        for i, time in enumerate(t.tolist()):
+            kernel.check(y, kept[1], _BEYOND, self.given, self.here, self.gone, self.found)
+            states[:, i] = y
+            for j in range(4 * parts if i + 1 < len(t) else 0):
+                number = j % 4
+                now = time + (j // 4 + _LATER[number]) * h
+                force = self.push(now, self.length * moved, self.length * speed)
+                np.divide(force, self.unit, out=self.pushes)
+                kernel.stage(number, h, *given, self.found)
+        return states
 
-    def _end(self, i: int, y: Array, why: str) -> None:
-        self.troubles[i] = self.troubles[i] or why
-        y[i] = 0.0
-
-    def __call__(self, t: float, y: Array) -> Array:
-        here = self.values, self.there, self.along
-        kernel.look(y, *self.given, self.terms, *here, self.moved, self.speed)
-        if self.push is not None:
-            moved = self.push(t, self.length * self.moved, self.length * self.speed)
-            self.pushes = moved / self.unit
-        out = np.empty_like(self.along)
-        kernel.accelerate(y, *here, self.pushes, *self.known, self.mass, out, self.massless)
-        return out
+    @property
+    def troubles(self) -> list[str]:
+        """Why each has no motion."""
+        _, massless = self.found
+        return [
+            s.tables.left if gone else _MASSLESS if none else ""
+            for s, gone, none in zip(self.swings, self.gone, massless, strict=True)
+        ]
 
 
 def _propagator(omega2: Array, damping: Array, h: float) -> Array:

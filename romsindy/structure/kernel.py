@@ -68,7 +68,7 @@ def _product(v, p, a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def accelerate(  # type: ignore[no-untyped-def]
-    y, values, there, along, push, omega2, rates, alpha, stiffer, mass, out, massless
+    y, values, there, along, push, omega2, rates, alpha, stiffer, out, mass, massless
 ):
     """Accelerations (l, m) beside those of linear modes; a mass that is not positive is told."""
     m = y.shape[1] // 2
@@ -152,15 +152,61 @@ def _solve(a, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def step(y, by, half, out):  # type: ignore[no-untyped-def]
-    """States y (l, 2 m) pushed ``by`` (l, m), a change of rates, and then half a step later.
+def stage(number, h, y, kept, known, given, here, pushes, found):  # type: ignore[no-untyped-def]
+    """One of the four stages of a step h from states y, (l, 2 m), and a look at where it leads.
 
-    ``half`` (l, m, 4) has the displacement and the rate of a linear mode after that time, by
-    those before.
+    Linear modes go by ``half``, (l, m, 4): displacement and rate after h / 2, by those before. The
+    functions of `look` are those at ``z`` before and after.
     """
-    m = y.shape[1] // 2
+    half, z, middle, first, both, out = kept
+    _, values, there, along, _, _ = here
+    accelerate(z, values, there, along, pushes, *known, out, *found)
+    m = out.shape[1]
     for i in range(len(y)):
         for j in range(m):
-            x, v, h = y[i, j], y[i, m + j] + by[i, j], half[i, j]
-            out[i, j] = h[0] * x + h[1] * v
-            out[i, m + j] = h[2] * x + h[3] * v
+            f, t = out[i, j], half[i, j]
+            x, v = y[i, j], y[i, m + j]
+            if number == 0:
+                first[i, j] = f
+                middle[i, j], middle[i, m + j] = _later(x, v, t)
+                z[i, j], z[i, m + j] = _later(x, v + 0.5 * h * f, t)
+            elif number == 1:
+                both[i, j] = f
+                z[i, j], z[i, m + j] = middle[i, j], middle[i, m + j] + 0.5 * h * f
+            elif number == 2:
+                both[i, j] += f
+                z[i, j], z[i, m + j] = _later(middle[i, j], middle[i, m + j] + h * f, t)
+            else:
+                x, v = _later(x, v + h / 6.0 * first[i, j], t)
+                x, v = _later(x, v + h / 3.0 * both[i, j], t)
+                y[i, j] = z[i, j] = x
+                y[i, m + j] = z[i, m + j] = v + h / 6.0 * f
+    look(z, *given, *here)
+
+
+@compiled
+def _later(x, v, t):  # type: ignore[no-untyped-def]
+    """Displacement and rate of a linear mode."""
+    return t[0] * x + t[1] * v, t[2] * x + t[3] * v
+
+
+@compiled
+def check(y, z, reach, given, here, gone, found):  # type: ignore[no-untyped-def]
+    """Let motions rest that left what is known of their structure, or have no mass, and say so."""
+    centre, half = given[0], given[1]
+    for i in range(len(y)):
+        gone[i] = gone[i] or not abs(y[i, 0] - centre[i]) < reach * half[i]
+        if gone[i] or found[1][i]:
+            y[i] = z[i] = 0.0
+    look(z, *given, *here)
+
+
+@compiled
+def run(states, parts, h, reach, y, kept, known, given, here, pushes, gone, found):  # type: ignore[no-untyped-def]
+    """States (l, n, 2 m) of motions on which no force acts, ``parts`` steps of h apart."""
+    for i in range(states.shape[1]):
+        check(y, kept[1], reach, given, here, gone, found)
+        states[:, i] = y
+        for _ in range(parts if i + 1 < states.shape[1] else 0):
+            for number in range(4):
+                stage(number, h, y, kept, known, given, here, pushes, found)
