@@ -1,6 +1,9 @@
 """A structure as a simulator, against closed forms; and its TOML file."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,6 +126,20 @@ def test_motions_side_by_side_are_those_of_each_alone():
     }
     for i, message in refused.items():
         assert isinstance(found[i], ValueError) and message in str(found[i])
+
+
+def test_without_numba_motions_are_the_same(tmp_path):
+    """Compiled or interpreted, the loops do the same sums; a new interpreter finds no numba."""
+    code = """
+import sys; sys.modules["numba"] = None
+import numpy as np; from test_structure_simulator import SENSORS, T, _structure
+motion = _structure(200.0, 0.4).simulator(SENSORS).simulate(0.1, T[:60])
+np.save(sys.argv[1], motion)
+"""
+    command = [sys.executable, "-c", code, tmp_path / "x.npy"]
+    subprocess.run(command, cwd=Path(__file__).parent, check=True)
+    x = _structure(200.0, 0.4).simulator(SENSORS).simulate(0.1, T[:60])
+    assert np.abs(np.load(tmp_path / "x.npy") - x).max() < 1e-10 * np.abs(x).max()
 
 
 def test_what_other_modes_move_counts_in_modes_that_ring():
