@@ -88,6 +88,7 @@ def side_by_side(swings: Sequence[Swing]) -> list[Array | ValueError]:
 
     A motion is the same, to rounding, whatever is beside it.
     """
+    curves = [id(s.tables.curve) for s in swings]
     alike: dict[tuple[float, int, int], list[int]] = defaultdict(list)
     for i, s in enumerate(swings):
         alike[float(s.t[1] - s.t[0]), s.parts, len(s.omega2)].append(i)
@@ -95,7 +96,8 @@ def side_by_side(swings: Sequence[Swing]) -> list[Array | ValueError]:
     for numbers in alike.values():
         numbers.sort(key=lambda i: len(swings[i].t))  # those that end together are together
         for first in range(0, len(numbers), _MOST):
-            some = sorted(numbers[first : first + _MOST], key=lambda i: id(swings[i].tables.curve))
+            # Those of one structure stand together, in an order that is always the same.
+            some = sorted(numbers[first : first + _MOST], key=lambda i: curves.index(curves[i]))
             found |= dict(zip(some, _in_time([swings[i] for i in some]), strict=True))
     return [found[i] for i in range(len(swings))]
 
@@ -141,7 +143,7 @@ class _SideBySide:
         sizes = (count, terms), (count, curves[0].shape[1]), (count, n), (count, m), count, count
         self.here = tuple(np.zeros(size) for size in sizes)
         self.pushes, self.gone = np.zeros(count), np.zeros(count, bool)
-        self.found = np.empty((m, m)), np.zeros(count, bool)
+        self.inertia = np.empty((m, m)), np.zeros(count, bool)  # of one; those that have none
 
     def states(self, t: Array, parts: int, h: float) -> Array:
         """Of all at times t (n,), in steps of h: (l, n, 2 m)."""
@@ -151,24 +153,24 @@ class _SideBySide:
         states = np.empty((len(y), len(t), 2 * m))
         given = y, kept, self.known, self.given, self.here, self.pushes
         if self.push is None:
-            kernel.run(states, parts, h, _BEYOND, *given, self.gone, self.found)
+            kernel.run(states, parts, h, _BEYOND, *given, self.gone, self.inertia)
             return states
         *_, moved, speed = self.here
         for i, time in enumerate(t.tolist()):
-            kernel.check(y, kept[1], _BEYOND, self.given, self.here, self.gone, self.found)
+            kernel.check(y, kept[1], _BEYOND, self.given, self.here, self.gone, self.inertia)
             states[:, i] = y
             for j in range(4 * parts if i + 1 < len(t) else 0):
                 number = j % 4
                 now = time + (j // 4 + _LATER[number]) * h
                 force = self.push(now, self.length * moved, self.length * speed)
                 np.divide(force, self.unit, out=self.pushes)
-                kernel.stage(number, h, *given, self.found)
+                kernel.stage(number, h, *given, self.inertia)
         return states
 
     @property
     def troubles(self) -> list[str]:
         """Why each has no motion."""
-        _, massless = self.found
+        _, massless = self.inertia
         return [
             s.tables.left if gone else _MASSLESS if none else ""
             for s, gone, none in zip(self.swings, self.gone, massless, strict=True)

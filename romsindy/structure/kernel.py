@@ -152,15 +152,15 @@ def _solve(a, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def stage(number, h, y, kept, known, given, here, pushes, found):  # type: ignore[no-untyped-def]
+def stage(number, h, y, kept, known, given, here, pushes, inertia):  # type: ignore[no-untyped-def]
     """One of the four stages of a step h from states y, (l, 2 m), and a look at where it leads.
 
     Linear modes go by ``half``, (l, m, 4): displacement and rate after h / 2, by those before. The
-    functions of `look` are those at ``z`` before and after.
+    functions of `look`, ``here``, are those at ``z`` before and after.
     """
     half, z, middle, first, both, out = kept
     _, values, there, along, _, _ = here
-    accelerate(z, values, there, along, pushes, *known, out, *found)
+    accelerate(z, values, there, along, pushes, *known, out, *inertia)
     m = out.shape[1]
     for i in range(len(y)):
         for j in range(m):
@@ -191,22 +191,22 @@ def _later(x, v, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def check(y, z, reach, given, here, gone, found):  # type: ignore[no-untyped-def]
-    """Let motions rest that left what is known of their structure, or have no mass, and say so."""
-    centre, half = given[0], given[1]
+def check(y, z, reach, given, here, gone, inertia):  # type: ignore[no-untyped-def]
+    """Let motions rest that have ``gone`` from what is known of them, or have no mass."""
+    (centre, half, _, _, _), (_, massless) = given, inertia
     for i in range(len(y)):
         gone[i] = gone[i] or not abs(y[i, 0] - centre[i]) < reach * half[i]
-        if gone[i] or found[1][i]:
+        if gone[i] or massless[i]:
             y[i] = z[i] = 0.0
     look(z, *given, *here)
 
 
 @compiled
-def run(states, parts, h, reach, y, kept, known, given, here, pushes, gone, found):  # type: ignore[no-untyped-def]
+def run(states, parts, h, reach, y, kept, known, given, here, pushes, gone, inertia):  # type: ignore[no-untyped-def]
     """States (l, n, 2 m) of motions on which no force acts, ``parts`` steps of h apart."""
     for i in range(states.shape[1]):
-        check(y, kept[1], reach, given, here, gone, found)
+        check(y, kept[1], reach, given, here, gone, inertia)
         states[:, i] = y
         for _ in range(parts if i + 1 < states.shape[1] else 0):
             for number in range(4):
-                stage(number, h, y, kept, known, given, here, pushes, found)
+                stage(number, h, y, kept, known, given, here, pushes, inertia)
