@@ -136,8 +136,7 @@ class _SideBySide:
         own = np.stack([curves[i] for i in first]), of_each("point", tables)
         firsts = np.array([*first, len(swings)])
         self.given = of_each("centre", tables), of_each("half", tables), firsts, *own
-        count, terms, n = len(swings), *own[1].shape[1:]
-        m = self.known[0].shape[1]
+        (count, m), (terms, n) = self.known[0].shape, own[1].shape[1:]
         # Polynomials, functions of the curve and of the point, what a force does work along; then
         # displacements and velocities of the points
         sizes = (count, terms), (count, curves[0].shape[1]), (count, n), (count, m), count, count

@@ -375,11 +375,10 @@ class StructureSimulator:
         What was added at the point bends the structure as well, as far as it does so at rest; it is
         ``over`` times as stiff as its tables say.
         """
-        k = point.k
 
         def rung(q: float) -> tuple[float, Array]:
             """The displacement of the first sensor, and the coordinates of other modes."""
-            here, there = self._at_first.at(q), point.at(q)
+            here, there, k = self._at_first.at(q), point.at(q), point.k
             both = np.stack([here.point, there.point])
             slopes, psi, turned = both[:, 0], both[:, 2 : 2 + k], both[:, 2 + k : 2 + 2 * k]
             pushed, bent = np.linalg.solve(here.stiffness, psi.T).T  # by a unit of force
