@@ -357,7 +357,8 @@ def test_an_exponent_that_is_held_in_what_was_found_is_held_in_the_simulator():
     free = free.moved(np.array([40.0, 0.0, 0.0]))
     held = with_textbook_exponent(free.moved(np.array([5.0, 1e-4, 0.0])))
     structure = SimpleNamespace(with_effects=tuple)
-    rounds = SimpleNamespace(structure=structure, own=(free.moved(np.array([-1.0, 0, 0])),))
+    own = (free.moved(np.array([-1.0, 0, 0])),)
+    rounds = SimpleNamespace(structure=structure, own=own, known={})
     (found,) = SimulatorRounds.next_parts(rounds, (free,), (held,))
     # In the simulator it is so many times as strong as in its equation, a value so much larger.
     assert found.values == pytest.approx([45.0 * 40.0 / 39.0, 0.0101, 1.0], rel=1e-12)
@@ -744,3 +745,17 @@ def test_a_simulator_of_other_units_is_told_by_its_frequency():
     decay = rs.Decay(T, motion(1e-4, T, nothing), unit="m")
     with pytest.raises(ValueError, match=r"vibrates at about 76\.1 Hz, the records at 2\.41 Hz"):
         rs.diagnose(stiff, decay)
+
+
+def test_what_does_ever_less_the_more_there_is_of_it_is_found_in_few_rounds():
+    """A clamp whose equation needs its cube root: of 8 that was found 512 must be there."""
+    clamp = ValueEffect("clamp", 0.0, Combination("clamp", (Stiffness(1),), (-1.0,)), size=1.0)
+    found = Part.of(clamp, Scales(SIZE, RATE, 10.0), 1).moved(np.array([8.0]))
+    rounds = SimpleNamespace(structure=SimpleNamespace(with_effects=tuple), own=(), known={})
+    there, seen = (found,), []
+    for _ in range(5):
+        rounds.own = (found.moved(np.cbrt(there[0].values) - found.values),)
+        there = SimulatorRounds.next_parts(rounds, there, (found,))
+        seen.append(float(there[0].values[0]))
+    # A factor at first, then by the power that it had; by five times at the most.
+    assert seen == pytest.approx([32.0, 160.0, 512.0, 512.0, 512.0])

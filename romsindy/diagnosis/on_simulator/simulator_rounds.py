@@ -64,7 +64,9 @@ _LISTENED = 3  # times that all sensors are heard, each with the best so far in 
 _RIGHTED = 2  # times that a simulator is made exact at the values that were found
 _MOST = 6  # explanations that they are heard of: the best, and others that are simulated
 _INSTEAD = 50.0  # of chi-square in the coordinate: by less it hardly tells values from effects
-_TIMES = 5.0  # by more an equation needs no other strength than what is in the simulator
+# Times that a strength changes at the most, from one round to the next, and logarithm from which on
+# that tells what the next must be
+_TIMES, _CHANGED = 5.0, 0.01
 _RINGS = 0.05  # of another mode: how well a release is known, a standard deviation
 # Tones of other modes: how many, how far apart (of the slow one), and how loud (of the noise)
 _TONES, _APART, _AUDIBLE = 12, 0.15, 0.1
@@ -86,6 +88,8 @@ class SimulatorRounds(Rounds):
 
     structure: OnSimulator
     own: tuple[Part, ...] = ()  # in the equation, for what is in the simulator
+    # What was in the simulator before, and in its equation for that
+    known: Mapping[tuple[str, str], tuple[Part, Part]] = field(default_factory=dict)
     # Of the values in the simulator, by all sensors, where it was brought nearer to the records
     variances: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     # What was told where all that may be missing was compared with it
@@ -537,24 +541,33 @@ class SimulatorRounds(Rounds):
 
         A value that is held in what was found is held from then on.
         """
-        there = {key_of(p): p for p in parts}
         own = {key_of(p): p for p in self.own}
+        now = {key: (p, own[key]) for p in parts if (key := key_of(p)) in own}
+        known, self.known = self.known, now
         return tuple(
-            p.moved(_less(p, there[key], own[key])) if (key := key_of(p)) in there else p
+            p.moved(_less(p, *now[key], *known.get(key, now[key])))
+            if (key := key_of(p)) in now
+            else p
             for p in self.structure.with_effects(found)
         )
 
 
-def _less(found: Part, there: Part, own: Part) -> Array:
+def _less(found: Part, there: Part, own: Part, before: Part, own_before: Part) -> Array:
     """Change of a part that was found, where the equation needs its ``own`` for what is there.
 
-    It needs so many times the strength of what acts, and so much more of a value.
+    Of a value it needs so much more. What acts it needs so many times as strong, to a power that
+    this had ``before``: a clamp that gives way the more does ever less.
     """
     more, n = there.values - own.values, found.strengths.size
-    if not isinstance(found.effect, ValueEffect):
-        times = there.values[:n] / np.where(own.values[:n] == 0, np.nan, own.values[:n])
-        alike = (times > 1 / _TIMES) & (times < _TIMES)
-        more[:n] = np.where(alike, (times - 1) * found.values[:n], more[:n])
+    if isinstance(found.effect, ValueEffect) and found.effect.assumed:
+        return more
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change, by = np.log(there.values / before.values), np.log(own.values / own_before.values)
+        same = np.all(np.append(change[n:], by[n:]) == 0)  # exponents
+        power = np.where(same & (np.abs(change[:n]) > _CHANGED), change[:n] / by[:n], 1.0)
+        times = (found.values[:n] / own.values[:n]) ** np.clip(power, 1 / _TIMES, _TIMES)
+    times = np.clip(times, 1 / _TIMES, _TIMES)
+    more[:n] = np.where(np.isfinite(times), times * there.values[:n] - found.values[:n], more[:n])
     return more
 
 
