@@ -759,3 +759,12 @@ def test_what_does_ever_less_the_more_there_is_of_it_is_found_in_few_rounds():
         seen.append(float(there[0].values[0]))
     # A factor at first, then by the power that it had; by five times at the most.
     assert seen == pytest.approx([32.0, 160.0, 512.0, 512.0, 512.0])
+
+
+def test_what_changes_its_sign_changes_by_a_difference():
+    """Of -2 that was found the equation has 1 for the 3 in the simulator."""
+    free = Part.of(Viscous(), Scales(SIZE, RATE, 10.0), 1)
+    found, own, there = (free.moved(np.array([x])) for x in (-2.0, 1.0, 3.0))
+    rounds = SimpleNamespace(structure=SimpleNamespace(with_effects=tuple), own=(own,), known={})
+    (after,) = SimulatorRounds.next_parts(rounds, (there,), (found,))
+    assert after.values == pytest.approx([0.0])

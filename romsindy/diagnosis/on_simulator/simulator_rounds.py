@@ -565,7 +565,8 @@ def _less(found: Part, there: Part, own: Part, before: Part, own_before: Part) -
         change, by = np.log(there.values / before.values), np.log(own.values / own_before.values)
         same = np.all(np.append(change[n:], by[n:]) == 0)  # exponents
         power = np.where(same & (np.abs(change[:n]) > _CHANGED), change[:n] / by[:n], 1.0)
-        times = (found.values[:n] / own.values[:n]) ** np.clip(power, 1 / _TIMES, _TIMES)
+        ratio = found.values[:n] / own.values[:n]
+        times = np.where(ratio > 0, ratio, np.nan) ** np.clip(power, 1 / _TIMES, _TIMES)
     times = np.clip(times, 1 / _TIMES, _TIMES)
     more[:n] = np.where(np.isfinite(times), times * there.values[:n] - found.values[:n], more[:n])
     return more
