@@ -128,6 +128,15 @@ def test_motions_side_by_side_are_those_of_each_alone():
         assert isinstance(found[i], ValueError) and message in str(found[i])
 
 
+def test_a_motion_that_ended_leaves_no_range():
+    """It grows, and would a little later; beside it is one that takes ten times as long."""
+    simulator = _structure(200.0, 0.4).simulator(SENSORS)
+    short = Question(0.08, T[:40], lambda t, x, v: 40 * v, {}, "1:1")
+    alone, beside = simulator.together([short])[0], simulator.together([short, Question(0.1, T)])[0]
+    assert isinstance(simulator.together([short._replace(t=T)])[0], ValueError)
+    assert np.abs(alone - beside).max() < 1e-10 * np.abs(alone).max()
+
+
 def test_without_numba_motions_are_the_same(tmp_path):
     """Compiled or interpreted, the loops do the same sums; a new interpreter finds no numba."""
     code = """

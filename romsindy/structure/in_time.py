@@ -149,19 +149,20 @@ class _SideBySide:
         y, m = self.y.copy(), self.y.shape[1] // 2
         half = np.stack([_propagator(s.omega2, s.rates, h / 2) for s in self.swings])
         kept = half, y.copy(), np.empty_like(y), *np.empty((3, len(y), m))
-        states = np.empty((len(y), len(t), 2 * m))
+        states, ends = np.empty((len(y), len(t), 2 * m)), np.array([len(s.t) for s in self.swings])
         given = y, kept, self.known, self.given, self.here, self.pushes
         if self.push is None:
-            kernel.run(states, parts, h, _BEYOND, *given, self.gone, self.inertia)
+            kernel.run(states, ends, parts, h, _BEYOND, *given, self.gone, self.inertia)
             return states
         *_, moved, speed = self.here
         for i, time in enumerate(t.tolist()):
-            kernel.check(y, kept[1], _BEYOND, self.given, self.here, self.gone, self.inertia)
+            now = i, ends, y, kept[1], _BEYOND
+            kernel.check(*now, self.given, self.here, self.gone, self.inertia)
             states[:, i] = y
             for j in range(4 * parts if i + 1 < len(t) else 0):
                 number = j % 4
-                now = time + (j // 4 + _LATER[number]) * h
-                force = self.push(now, self.length * moved, self.length * speed)
+                later = time + (j // 4 + _LATER[number]) * h
+                force = self.push(later, self.length * moved, self.length * speed)
                 np.divide(force, self.unit, out=self.pushes)
                 kernel.stage(number, h, *given, self.inertia)
         return states

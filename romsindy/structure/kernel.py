@@ -191,21 +191,22 @@ def _later(x, v, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def check(y, z, reach, given, here, gone, inertia):  # type: ignore[no-untyped-def]
-    """Let motions rest that have ``gone`` from what is known of them, or have no mass."""
+def check(at, ends, y, z, reach, given, here, gone, inertia):  # type: ignore[no-untyped-def]
+    """Let motions rest that are at their ends, ``gone`` from what is known, or without a mass."""
     (centre, half, _, _, _), (_, massless) = given, inertia
     for i in range(len(y)):
-        gone[i] = gone[i] or not abs(y[i, 0] - centre[i]) < reach * half[i]
-        if gone[i] or massless[i]:
+        ended = at >= ends[i]
+        gone[i] = gone[i] or not (ended or abs(y[i, 0] - centre[i]) < reach * half[i])
+        if ended or gone[i] or massless[i]:
             y[i] = z[i] = 0.0
     look(z, *given, *here)
 
 
 @compiled
-def run(states, parts, h, reach, y, kept, known, given, here, pushes, gone, inertia):  # type: ignore[no-untyped-def]
+def run(states, ends, parts, h, reach, y, kept, known, given, here, pushes, gone, inertia):  # type: ignore[no-untyped-def]
     """States (l, n, 2 m) of motions on which no force acts, ``parts`` steps of h apart."""
     for i in range(states.shape[1]):
-        check(y, kept[1], reach, given, here, gone, inertia)
+        check(i, ends, y, kept[1], reach, given, here, gone, inertia)
         states[:, i] = y
         for _ in range(parts if i + 1 < states.shape[1] else 0):
             for number in range(4):
