@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -148,9 +148,10 @@ class HeldCurve:
         """s(q), or its derivative, of all freedoms, (len(q), n)."""
         return np.asarray(self.powers_at(q, slope) @ self.follows)
 
-    def shapes_at(self, q: Array) -> Array:
-        """x(q) of all freedoms, (len(q), n)."""
-        return np.outer(q, self.mode.shape) + self.following_at(q)
+    def shapes_at(self, q: Array, rows: Any = slice(None)) -> Array:
+        """x(q) of all freedoms, or of some, (len(q), n)."""
+        follows = self.powers_at(q) @ self.follows[:, rows]
+        return np.asarray(np.outer(q, self.mode.shape[rows]) + follows)
 
     @cached_property
     def force(self) -> Array:

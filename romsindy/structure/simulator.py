@@ -334,10 +334,9 @@ class StructureSimulator:
     def _read(self, y: Array) -> Array:
         """Displacements of the sensors, m, from states (n, 2, m)."""
         q = y[:, 0, 0]
-        psi = self.ringing.shapes_at(q, list(self.sensors))
-        bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], psi)
-        moved = self.curve.shapes_at(q)[:, self.sensors] + bent
-        return np.asarray(self.units.length * moved)
+        rows = list(self.sensors)
+        bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], self.ringing.shapes_at(q, rows))
+        return np.asarray(self.units.length * (self.curve.shapes_at(q, rows) + bent))
 
     @property
     def curve(self) -> HeldCurve:
