@@ -363,16 +363,16 @@ class Identification(Estimate):
         band says how much of it they would allow.
         """
         h = inertia_of(checked_coordinate(coordinate, self.model))
-        curve = self._drawn(q, h, self._models)
+        curve = self._drawn(q, h, self.samples)
         if any(s.equivalent and not s.sizes.inertia for s in self.structures):
-            allowed = self._drawn(q, h, self._models_of(self.widest)).high
+            allowed = self._drawn(q, h, self.widest).high
             return replace(curve, low=0 * allowed, high=np.maximum(allowed, curve.high))
         return replace(curve, low=np.where(curve.low < NEAR_ZERO * curve.high, 0.0, curve.low))
 
     def stiffness(self, q: ArrayLike, coordinate: int = 1) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""
         checked_coordinate(coordinate, self.model)
-        return self._drawn(q, self._secant, self._models)
+        return self._drawn(q, self._secant, self.samples)
 
     def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
         """`reach`: there is one coordinate."""
@@ -381,17 +381,18 @@ class Identification(Estimate):
 
     def allowed_stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q as `stiffness`, from the richest structure alone: what the data would allow."""
-        return self._drawn(q, self._secant, self._models_of(self.widest))
+        return self._drawn(q, self._secant, self.widest)
 
     @property
     def _secant(self) -> Function:
         return secant_of(1, max(map(abs, self.reach)))
 
-    def _drawn(self, q: ArrayLike, function: Function, models: Sequence[ReducedModel]) -> Curve:
-        """With the shortest interval of the draws as its band."""
+    def _drawn(self, q: ArrayLike, function: Function, samples: Array) -> Curve:
+        """With the shortest interval of the draws as its band: a sum of what each term adds."""
         q = checked_range(q, self.reach, self.model.unit)
-        values = np.array([function(m, q) for m in models])
-        return Curve(q, function(self.model, q), *_shortest(values))
+        sizes = np.maximum(np.abs(samples).max(axis=0), np.finfo(float).tiny)
+        each = np.array([function(m, q) for m in self._models_of(np.diag(sizes))])
+        return Curve(q, function(self.model, q), *_shortest(samples / sizes @ each))
 
     def draws(self) -> tuple[ReducedModel, tuple[str, ...], Array]:
         """As those of an `Estimate`, of all terms: the samples, which no covariance says."""
