@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence
-from romsindy.fit.functions.evidence import _inside, _positive, draw, lifted, nearest
+from romsindy.fit.functions.evidence import _hold_in_cone, _inside, draw, lifted, nearest
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
 from romsindy.fit.records.arguments import prepared
@@ -243,18 +243,25 @@ def test_a_motion_beyond_all_numbers_is_refused_in_words():
 # -- draws ------------------------------------------------------------------------------------
 
 
-def test_positive_draws_are_half_normal():
-    """u >= 0: mean sqrt(2/pi). 4000 draws know it to 1 %; 5 standard errors are 0.05."""
-    start = np.full((1, 4000), -1.0)
-    drawn = _positive(np.zeros(1), np.ones((1, 1)), start, np.random.default_rng(0))
-    assert drawn.min() >= 0
-    assert drawn.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.05)
+def _drawn(*offsets, n):
+    """Standard normal u >= -offset, n for each offset, all drawn at once."""
+    rng, slope = np.random.default_rng(0), np.ones((1, 1))
+    found = np.full((len(offsets), 1, n), np.nan)
+    cones = zip(np.reshape(offsets, (-1, 1)), found, strict=True)
+    _hold_in_cone([(offset, slope, u, rng.random((20, 1, n))) for offset, u in cones])
+    return found[:, 0]
+
+
+def test_draws_in_cones_are_truncated_normal():
+    """u >= 0: mean sqrt(2/pi); u >= 1: phi(1) / Q(1). Known to 0.01, five times."""
+    half, above = _drawn(0.0, -1.0, n=4000)
+    assert half.min() >= 0 and above.min() >= 1
+    assert half.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.05)
+    assert above.mean() == pytest.approx(norm.pdf(1) / norm.sf(1), abs=0.05)
 
 
 def test_far_out_in_the_tail_draws_stay_finite():
-    drawn = _positive(
-        np.array([-60.0]), np.ones((1, 1)), np.zeros((1, 50)), np.random.default_rng(0)
-    )
+    (drawn,) = _drawn(-60.0, n=50)
     assert np.all(np.isfinite(drawn)) and np.all(drawn >= 60 - 1e-9)
 
 

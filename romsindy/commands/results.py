@@ -37,7 +37,7 @@ from romsindy.physics.term_sum import json_text
 from romsindy.show.identified import Identified, coefficients, few_tables, more_tables
 from romsindy.show.page import Picture, write_overview
 from romsindy.show.panels import pictures, write_result
-from romsindy.text import TextTable, aligned, as_options, as_text, bar, with_error
+from romsindy.text import aligned, as_options, as_text, bar, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
 _FEW = 8  # rows of a table that is printed without --full
@@ -254,14 +254,16 @@ class Result:
         lines = r.equations() if series is None else series.in_short()
         later = [lines.pop()] if series is not None and series.short.follows else []
         lines = ["Interrupted: not the last word.", *lines] if r.interrupted else lines
-        lines += _if_short(coefficients(r)) if r.found is not None and not r.modes else []
+        table = coefficients(r) if r.found is not None and not r.modes else None
+        if table is not None and len(table.rows) <= _FEW:  # a longer one leaves a verdict no room
+            lines += aligned(table.rows, "  ").splitlines()
         lines += [] if series is None else [" ".join(series.ends())]
         findings = r.findings(alone=True)
         if r.found is not None and beside is not None:
             later.append(findings.pop())
         lines += [*findings, *([r.picked] if r.picked else [])]
-        for table in few_tables(r):
-            rows = as_text(table._replace(note="")).splitlines()
+        for few in few_tables(r):
+            rows = as_text(few._replace(note="")).splitlines()
             lines, later = (lines, later + rows) if r.steady else (lines + rows, later)
         doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
         lines += [*doubts, *later]
@@ -288,11 +290,6 @@ def _curve(curve: BackboneCurve | str) -> dict[str, Any] | str:
 
 def _cells(value: float, error: float) -> list[str]:
     return with_error(value, error) if np.isfinite(error) else [f"{value:.5g}", "-"]
-
-
-def _if_short(table: TextTable) -> list[str]:
-    """Lines of a table of few rows; none of a longer one, which leaves a verdict no room."""
-    return aligned(table.rows, "  ").splitlines() if len(table.rows) <= _FEW else []
 
 
 Job = Callable[[Path | None, Path], Result]

@@ -90,11 +90,12 @@ def tables(found: Findings) -> list[TextTable]:
     channels = ["channel", "noise (rms)", "signal over noise [dB]", ""]
     releases = ["release", "from [s]", "to [s]", "cycles", "largest", "begins", "ends"]
     modes = ["mode", "frequency [Hz]", "damping ratio [%]", "amplitude", "of the energy [%]"]
+    left_out = [[f"{p.start:.6g}", f"{p.end:.6g}", p.reason] for p in found.discarded]
     all_of_them = [
         TextTable("Record", list(_record(found))),
         TextTable("Channels", [channels, *_channels(found)]),
         TextTable("Releases", [releases, *_releases(found)]),
-        TextTable("Left out", [["from [s]", "to [s]", "why"], *_discarded(found)]),
+        TextTable("Left out", [["from [s]", "to [s]", "why"], *left_out]),
         TextTable("Defects", [["what"], *([w] for w in found.warnings)]),
         TextTable(
             f"Modes, from loud to quiet, in channel {found.channel}",
@@ -244,11 +245,6 @@ def _releases(found: Findings) -> Iterator[list[str]]:
         peak = quantity(r.peak, found.recording.signal_unit)
         times = [f"{r.start:.6g}", f"{r.end:.6g}"]
         yield [str(i), *times, f"{r.cycles:.0f}", peak, r.why_start, r.why_end]
-
-
-def _discarded(found: Findings) -> Iterator[list[str]]:
-    for part in found.discarded:
-        yield [f"{part.start:.6g}", f"{part.end:.6g}", part.reason]
 
 
 def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:

@@ -233,7 +233,9 @@ class Driven:
             whole = self._fit(model, beside, self.records)
         except TrajectoryError as error:
             failure = error
-        if whole is not None and (whole.solution.interrupted or not _astray(whole)):
+        # It may be at the wrong one of several minima.
+        sure = whole is not None and whole.solution.converged and _felt(whole) <= _SENSITIVE
+        if whole is not None and (whole.solution.interrupted or sure):
             return whole
         count = min(round(_turns(self.records) / _CYCLES), _MOST)
         short = None
@@ -346,11 +348,6 @@ def _left_by_one(fit: Fit, records: Sequence[Prepared], count: int) -> float:
         heard += record.power
         number += count
     return float(np.sqrt(left / heard))
-
-
-def _astray(fit: Fit) -> bool:
-    """Whether a fit of whole records may be at the wrong one of several minima."""
-    return not fit.solution.converged or _felt(fit) > _SENSITIVE
 
 
 def _felt(fit: Fit) -> float:

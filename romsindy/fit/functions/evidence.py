@@ -425,55 +425,56 @@ def _hessian(f: Callable[[Array], float], x: Array, step: float = 0.05) -> Array
 def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
     """Values of the series, (n, p), drawn from their posterior over all scales of the prior."""
     spread = np.linalg.cholesky(found.scale_covariance())
-    draws = []
+    inertia, places = constraints(found.series)
+    bundles, dips = [], []
     for _ in range(-(-n // _EACH)):
         scales = found.scales + spread @ rng.standard_normal(len(spread))
-        normal = found.posterior(np.clip(scales, LOW, HIGH))
-        draws.append(_in_cone(found, *normal, rng))
-    return np.concatenate(draws)[:n]
+        mean, root = found.posterior(np.clip(scales, LOW, HIGH))
+        x = rng.standard_normal((len(mean), _EACH))
+        # x = q u + what inertia does not see; h >= 0 says offset + slope u >= 0.
+        q, t = np.linalg.qr(root[inertia].T)
+        offset, slope = (places[:, : len(t)] @ y for y in (mean[inertia], t.T))
+        u = q.T @ x
+        bundles.append((mean, root, x - q @ u, q, u))
+        if np.any(offset[:, None] + slope @ u < 0):
+            dips.append((offset, slope, u, rng.random((_SWEEPS, *u.shape))))
+    if dips:
+        _hold_in_cone(dips)
+    draws = np.concatenate([(m[:, None] + r @ (x + q @ u)).T for m, r, x, q, u in bundles])[:n]
+    if found.series.sizes.inertia:
+        draws[:, inertia] = [lifted(r) for r in draws[:, inertia]]
+    return draws
 
 
-def _in_cone(found: Fitted, mean: Array, root: Array, rng: np.random.Generator) -> Array:
-    """Draws of mean + root x, x standard normal, with h >= 0, (_EACH, p)."""
-    x = rng.standard_normal((len(mean), _EACH))
-    inertia, places = constraints(found.series)
-    if not found.series.sizes.inertia:
-        return np.asarray((mean[:, None] + root @ x).T)
-    # x = q u + what inertia does not see; r = mean + t' u.
-    q, t = np.linalg.qr(root[inertia].T)
-    u = _positive(places @ mean[inertia], places @ t.T, q.T @ x, rng)
-    draws = mean[:, None] + root @ (x + q @ (u - q.T @ x))
-    draws[inertia] = np.stack([lifted(r) for r in draws[inertia].T], axis=1)
-    return np.asarray(draws.T)
+def _hold_in_cone(dips: Sequence[tuple[Array, Array, Array, Array]]) -> None:
+    """Replace standard normal u by ones with offset + slope u >= 0, by even chances.
 
-
-def _positive(offset: Array, slope: Array, u: Array, rng: np.random.Generator) -> Array:
-    """Standard normal u (k, m) with offset + slope u >= 0: Gibbs' sampler, one u_i after another.
-
-    J. Geweke, "Efficient simulation from the multivariate normal subject to linear constraints",
-    1991.
+    Gibbs' sampler, one u_i after another: J. Geweke, "Efficient simulation from the multivariate
+    normal subject to linear constraints", 1991.
     """
-    if np.all(offset[:, None] + slope @ u >= 0):
-        return u
-    u = np.repeat(_inside(offset, slope)[:, None], u.shape[1], axis=1)
-    for _ in range(_SWEEPS):
-        for i in range(len(u)):
-            column = slope[:, [i]]
-            rest = offset[:, None] + slope @ u - column * u[i]
+    offsets, slopes, several, chances = zip(*dips, strict=True)
+    offset, slope, chance = np.stack(offsets)[..., None], np.stack(slopes), np.stack(chances)
+    inner = np.stack([_inside(*cone) for cone in zip(offsets, slopes, strict=True)])
+    u = np.repeat(inner[..., None], several[0].shape[1], axis=2)
+    for sweep in range(_SWEEPS):
+        for i in range(u.shape[1]):
+            column = slope[:, :, [i]]
+            rest = offset + slope @ u - column * u[:, [i]]
             with np.errstate(divide="ignore", invalid="ignore"):
                 limit = -rest / column
-            low = np.max(limit, axis=0, initial=-np.inf, where=column > 0)
-            high = np.min(limit, axis=0, initial=np.inf, where=column < 0)
-            u[i] = _truncated(low, np.maximum(high, low), rng)
-    return u
+            low = np.max(limit, axis=1, initial=-np.inf, where=column > 0)
+            high = np.min(limit, axis=1, initial=np.inf, where=column < 0)
+            u[:, i] = _truncated(low, np.maximum(high, low), chance[:, sweep, i])
+    for old, new in zip(several, u, strict=True):
+        old[:] = new
 
 
-def _truncated(low: Array, high: Array, rng: np.random.Generator) -> Array:
-    """Standard normal between limits, (m,) each; by symmetry in the tail where digits are left."""
+def _truncated(low: Array, high: Array, chance: Array) -> Array:
+    """Standard normal between limits, by chance; by symmetry in the tail where digits are left."""
     flip = np.where(low > 0, -1.0, 1.0)
     a, b = np.where(flip < 0, -high, low), np.where(flip < 0, -low, high)
     below, above = ndtr(a), ndtr(b)
-    drawn = ndtri(below + (above - below) * rng.random(len(low)))
+    drawn = ndtri(below + (above - below) * chance)
     # So far out that no digits are left, all of it is at the near end.
     drawn = np.where(above > 0, np.clip(drawn, a, b), b)
     return np.asarray(flip * drawn)

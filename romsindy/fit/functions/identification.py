@@ -348,10 +348,6 @@ class Identification(Estimate):
     records: tuple[Record, ...] = ()
     residuals: tuple[Array, ...] = ()
 
-    @cached_property
-    def _models(self) -> list[ReducedModel]:
-        return self._models_of(self.samples)
-
     def _models_of(self, samples: Array) -> list[ReducedModel]:
         return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in samples]
 
@@ -536,7 +532,7 @@ class Identification(Estimate):
     @property
     def _some(self) -> list[ReducedModel]:
         """Some of the draws, for what takes long of each."""
-        return self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
+        return self._models_of(self.samples[:: max(len(self.samples) // _BAND_DRAWS, 1)])
 
     def off(self) -> str:
         """How far the few terms are off the functions, beside how much these change."""
