@@ -32,7 +32,7 @@ from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import Options, screen, with_textbook_exponent
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, MoreMass, Stop, Viscous
 from romsindy.effects.base import Scales
-from romsindy.effects.outside import Hum
+from romsindy.effects.outside import Hum, SecondMode
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
@@ -45,6 +45,7 @@ from romsindy.simulator.simulator import times
 
 MASS, DAMPING, STIFFNESS, CUBIC = 0.35, 0.05, 80.0, 4e4  # kg, N s/m, N/m, N/m^3
 FRICTION = 0.01  # N
+OTHER = 110.0  # rad/s, of another mode
 T = np.arange(2400) / 200
 
 
@@ -566,6 +567,26 @@ def test_a_simulator_that_is_right_lacks_nothing():
 
 
 @pytest.mark.slow
+class _Knowing:
+    """The oscillator, and of what it is a mode: of a structure with another one, seldom rung."""
+
+    modes = (np.sqrt(STIFFNESS / MASS), OTHER)
+
+    def simulate(self, release, t, force=nothing):
+        return simulate(release, t, force)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [simulate, _Knowing()])
+def test_what_rings_at_a_mode_that_the_simulator_knows_is_nothing_else(given):
+    """A tenth of the motion, which dies in two seconds: of others it is a second mode."""
+    t = T[:1000]
+    rung = 3e-3 * np.exp(-0.5 * t) * np.cos(1.02 * OTHER * t)
+    measured = rs.Decay(t, record(0.03, 11, t=t).q + rung, unit="m")
+    report = rs.diagnose(given, measured, catalogue=[Hum(), SecondMode()])
+    assert (report.names == ("second_mode",)) == (given is simulate), str(report)
+
+
 def test_nothing_is_added_that_makes_a_simulator_worse():
     """Forces that no effect of the catalogue is: what comes nearest stays out of the simulator."""
     measured = record(0.03, 1, lambda t, x, v: -0.15 * np.sin(40 * x / 0.03))

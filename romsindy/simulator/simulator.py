@@ -132,6 +132,11 @@ class Simulator:
         """By how much a value may change that is zero, by name."""
         return dict(self._own("steps", {}))
 
+    @property
+    def modes(self) -> tuple[float, ...]:
+        """Angular frequencies (rad/s) of its modes, those that do not ring in it as well."""
+        return tuple(self._own("modes", ()))
+
     def right_at(self, values: Mapping[str, float]) -> Simulator | None:
         """The same, where it can be made exact at some values; often it is already."""
         own = self._own("right_at", None)

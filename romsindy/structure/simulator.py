@@ -214,6 +214,11 @@ class StructureSimulator:
         """By how much values change that are zero in the deck."""
         return {name: v.scale for name, v in self.parts.items() if v.scale}
 
+    @property
+    def modes(self) -> tuple[float, ...]:
+        """Angular frequencies of the modes of the structure, rad/s; few of them ring here."""
+        return tuple(self.structure.omega.tolist())
+
     def right_at(self, values: Mapping[str, float]) -> StructureSimulator | None:
         """The same, exact at values of its parts: their deck is held. None where it has no parts.
 

@@ -99,7 +99,7 @@ class SimulatorRounds(Rounds):
     place: PlaceOnStructure | None = None  # of what acts at a point, once it was looked for
 
     def begin(self) -> list[Corrected]:
-        """Simulate it as it is; what rings there is no tone of something else.
+        """Simulate it as it is; what rings there, and its modes, are no tones of something else.
 
         It rings at another frequency than measured by as much as its other modes are off, which
         leaves tones. And what a sensor may add, several would have to add alike.
@@ -109,7 +109,8 @@ class SimulatorRounds(Rounds):
         sensed = [e for e in self.general if e.family == "measurement"]
         self.refuted = {frozenset({e.name}): alike for e in sensed if alike}
         rows = zip(self.records, found, strict=True)
-        tones = tuple(tone for record, c in rows for tone in _rung(record, c))
+        rung = (tone for record, c in rows for tone in _rung(record, c))
+        tones = (*rung, *self.structure.simulator.modes)
         self.general = [
             replace(e, beside=tones) if isinstance(e, TONES) else e for e in self.general
         ]
