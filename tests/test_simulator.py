@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis.all_sensors import Readings, chi_squared
+from romsindy.diagnosis.on_simulator import simulator_rounds
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import (
     Beginning,
@@ -30,7 +31,16 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds, le
 from romsindy.diagnosis.on_simulator.workflow import _reduced, _shape, _value_effect
 from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import Options, screen, with_textbook_exponent
-from romsindy.effects import AirDrag, CubicStiffness, DryFriction, MoreMass, Stop, Viscous
+from romsindy.effects import (
+    AirDrag,
+    CubicStiffness,
+    DryFriction,
+    LinearFrequency,
+    MicroSlip,
+    MoreMass,
+    Stop,
+    Viscous,
+)
 from romsindy.effects.base import Scales
 from romsindy.effects.outside import Hum, SecondMode
 from romsindy.fit.kernel.equation import ExtendedEquation
@@ -295,6 +305,32 @@ def test_where_no_explanation_comes_near_no_place_is_looked_for():
     rounds = SimpleNamespace(structure=seen, near=lambda *given: [])
     rounds._brought_nearer = lambda outcome: outcome
     assert SimulatorRounds._once_heard(rounds, found) is found
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_stands_in_a_simulator_for_what_it_cannot_have_is_told(there, monkeypatch):
+    """A joint that does not slip is a spring: all sensors heard the spring, and nothing better."""
+    spring = Part.of(LinearFrequency(), Scales(1.0, 1.0, 1.0), 1)
+    release = SimpleNamespace(_replace=lambda state: state)
+    begun = SimpleNamespace(release=release, start=np.zeros(2))
+
+    def named(*effects):
+        report = SimpleNamespace(best=SimpleNamespace(effects=effects))
+        return SimpleNamespace(report=report, parts=(spring,), corrected=[begun])
+
+    found, again = named(SimpleNamespace(effect=MicroSlip())), named(spring)
+    rounds = SimpleNamespace(
+        structure="deck", records=[SimpleNamespace(count=1000)], n_training=1, general=[]
+    )
+    rounds._read = rounds.simulate = lambda *given: []
+    rounds._left_by = lambda *given: np.ones(2)
+    rounds._heard_of = lambda read: (1000, 2000)
+    rounds._fit, rounds.run = None, lambda *given: again
+    monkeypatch.setattr(simulator_rounds, "scales", lambda records: None)
+    nothing_more = SimpleNamespace(promising=lambda general: [])
+    monkeypatch.setattr(simulator_rounds.CandidateSearch, "of", lambda *given: nothing_more)
+    told = SimulatorRounds._compared(rounds, found, there)
+    assert told is (found if there else again)
 
 
 def rung(release, t, k=1.0):

@@ -329,7 +329,7 @@ class SimulatorRounds(Rounds):
             return found
         self.compared.append(names_of(told))
         try:
-            again = self._compared(found, names_of(told) if there else frozenset())
+            again = self._compared(found, there)
         except self.structure.failures:  # what was found stands
             again = found
         if again is found or again.trouble:
@@ -339,15 +339,16 @@ class SimulatorRounds(Rounds):
             return found
         return again
 
-    def _compared(self, found: Outcome, told: Names) -> Outcome:
-        """The same, unless something leaves less of all sensors: then what is found with that."""
+    def _compared(self, found: Outcome, there: bool) -> Outcome:
+        """What leaves less of all sensors, or is in the place of what is told but not ``there``."""
         values = tuple(p for p in found.parts if p.tolerance is not None)
+        told = frozenset(p.effect.name for p in found.parts if p.tolerance is None)
         first, known = self.structure, scales(self.records)
         read = [self._read(i) for i in range(self.n_training)]
         begins = _begins(found)
         left = {told: self._left_by(read, found.parts, begins)}
         promising = CandidateSearch.of(self._fit, values, begins).promising(self.general)
-        fits: dict[Names, tuple[tuple[Part, ...], OnSimulator, list[Beginning]]] = {}
+        fits = {told: (found.parts, first, begins)}
         tried = [((), first), *(((c.part,), c.there) for c in promising)]
         for more, self.structure in tried if promising else ():
             names = frozenset(p.effect.name for p in more)
@@ -367,9 +368,9 @@ class SimulatorRounds(Rounds):
         rises = np.sum([refuted_by(*row) for row in shares], axis=0)
         misfits = dict(zip(left, (rises - rises.min()).tolist(), strict=True))
         price = float(np.log(sum(r.count for r in self.records)))
-        if misfits[told] < price + EQUIVALENT:
+        if (stays := misfits[told] < price + EQUIVALENT) and (there or not told):
             return found
-        best = min(misfits, key=lambda names: misfits[names])
+        best = told if stays else min(misfits, key=lambda names: misfits[names])
         parts, self.structure, self.releases = fits[best]
         self.elsewhere, self.decided, self.own = misfits, True, parts
         asked = {p.effect.name for more, _ in tried for p in more} | told
