@@ -606,10 +606,17 @@ def test_a_simulator_that_is_right_lacks_nothing():
 class _Knowing:
     """The oscillator, and of what it is a mode: of a structure with another one, seldom rung."""
 
-    modes = (np.sqrt(STIFFNESS / MASS), OTHER)
+    mode_frequencies = (np.sqrt(STIFFNESS / MASS), OTHER)
 
     def simulate(self, release, t, force=nothing):
         return simulate(release, t, force)
+
+
+def test_frequencies_of_modes_are_positive():
+    known = _Knowing()
+    known.mode_frequencies = (0.0, OTHER)
+    with pytest.raises(ValueError, match=r"mode_frequencies of _Knowing .* must be positive"):
+        rs.diagnose(known, record(0.03, 11, t=T[:600]), catalogue=[Hum()])
 
 
 @pytest.mark.slow

@@ -133,9 +133,12 @@ class Simulator:
         return dict(self._own("steps", {}))
 
     @property
-    def modes(self) -> tuple[float, ...]:
-        """Angular frequencies (rad/s) of its modes, those that do not ring in it as well."""
-        return tuple(self._own("modes", ()))
+    def mode_frequencies(self) -> tuple[float, ...]:
+        """Of its modes, those that do not ring in it as well, rad/s."""
+        known = np.atleast_1d(np.asarray(self._own("mode_frequencies", ()), dtype=float))
+        if not np.all(np.isfinite(known) & (known > 0)):
+            raise ValueError(f"mode_frequencies of {self.name} = {known} must be positive, rad/s")
+        return tuple(known.tolist())
 
     def right_at(self, values: Mapping[str, float]) -> Simulator | None:
         """The same, where it can be made exact at some values; often it is already."""

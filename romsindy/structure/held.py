@@ -144,14 +144,13 @@ class HeldCurve:
         slopes = self.powers_at(q, slope=True)
         return np.asarray(1.0 + np.einsum("ij,jk,ik->i", slopes, self._products, slopes))
 
-    def following_at(self, q: Array, slope: bool = False) -> Array:
-        """s(q), or its derivative, of all freedoms, (len(q), n)."""
-        return np.asarray(self.powers_at(q, slope) @ self.follows)
+    def following_at(self, q: Array, slope: bool = False, rows: Any = slice(None)) -> Array:
+        """s(q), or its derivative, of all freedoms, or of some, (len(q), n)."""
+        return np.asarray(self.powers_at(q, slope) @ self.follows[:, rows])
 
     def shapes_at(self, q: Array, rows: Any = slice(None)) -> Array:
         """x(q) of all freedoms, or of some, (len(q), n)."""
-        follows = self.powers_at(q) @ self.follows[:, rows]
-        return np.asarray(np.outer(q, self.mode.shape[rows]) + follows)
+        return np.outer(q, self.mode.shape[rows]) + self.following_at(q, rows=rows)
 
     @cached_property
     def force(self) -> Array:

@@ -215,8 +215,8 @@ class StructureSimulator:
         return {name: v.scale for name, v in self.parts.items() if v.scale}
 
     @property
-    def modes(self) -> tuple[float, ...]:
-        """Angular frequencies of the modes of the structure, rad/s; few of them ring here."""
+    def mode_frequencies(self) -> tuple[float, ...]:
+        """Of the modes of the structure, rad/s; few of them ring here."""
         return tuple(self.structure.omega.tolist())
 
     def right_at(self, values: Mapping[str, float]) -> StructureSimulator | None:
@@ -338,8 +338,7 @@ class StructureSimulator:
 
     def _read(self, y: Array) -> Array:
         """Displacements of the sensors, m, from states (n, 2, m)."""
-        q = y[:, 0, 0]
-        rows = list(self.sensors)
+        q, rows = y[:, 0, 0], list(self.sensors)
         bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], self.ringing.shapes_at(q, rows))
         return np.asarray(self.units.length * (self.curve.shapes_at(q, rows) + bent))
 

@@ -110,7 +110,7 @@ class SimulatorRounds(Rounds):
         self.refuted = {frozenset({e.name}): alike for e in sensed if alike}
         rows = zip(self.records, found, strict=True)
         rung = (tone for record, c in rows for tone in _rung(record, c))
-        tones = (*rung, *self.structure.simulator.modes)
+        tones = (*rung, *self.structure.simulator.mode_frequencies)
         self.general = [
             replace(e, beside=tones) if isinstance(e, TONES) else e for e in self.general
         ]
@@ -344,8 +344,7 @@ class SimulatorRounds(Rounds):
         values = tuple(p for p in found.parts if p.tolerance is not None)
         told = frozenset(p.effect.name for p in found.parts if p.tolerance is None)
         first, known = self.structure, scales(self.records)
-        read = [self._read(i) for i in range(self.n_training)]
-        begins = _begins(found)
+        read, begins = [self._read(i) for i in range(self.n_training)], _begins(found)
         left = {told: self._left_by(read, found.parts, begins)}
         promising = CandidateSearch.of(self._fit, values, begins).promising(self.general)
         fits = {told: (found.parts, first, begins)}

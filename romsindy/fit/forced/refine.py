@@ -233,7 +233,7 @@ class Driven:
             whole = self._fit(model, beside, self.records)
         except TrajectoryError as error:
             failure = error
-        # It may be at the wrong one of several minima.
+        # Else it may be at the wrong one of several minima.
         sure = whole is not None and whole.solution.converged and _felt(whole) <= _SENSITIVE
         if whole is not None and (whole.solution.interrupted or sure):
             return whole
