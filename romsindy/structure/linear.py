@@ -18,6 +18,7 @@ from romsindy.typing import Array
 # without which a structure that nothing supports would divide by zero.
 _RIGID, _SHIFT = 1e-13, 1e-12
 _SYMMETRIC = 1e-8  # of the largest mass
+_AS_LARGE = 0.99  # of the largest movement: as large, but for rounding
 _SLIGHT = 1e-5  # of the largest eigenvalue of the mass: so negative is rounding
 
 
@@ -161,7 +162,8 @@ def linear_modes(name: str, known: Matrices, count: int) -> Basis:
         )
     stiffness = known.stiffness
     scale = float(np.max(stiffness.diagonal() / known.mass.diagonal()))
-    found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM")
+    start = np.random.default_rng(0).standard_normal(known.mass.shape[0])  # the same at each call
+    found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM", v0=start)
     order = np.argsort(found[0])
     omega2 = np.where(found[0] > _RIGID * scale, found[0], 0.0)[order]
     shapes = np.array([upright(x) for x in found[1].T[order]])
@@ -176,8 +178,12 @@ def _least_eigenvalue(mass: csc_array) -> float:
 
 
 def upright(shape: Array) -> Array:
-    """A shape that is positive where it is largest: a mode has no sign of its own."""
-    return np.asarray(shape * np.sign(shape[np.argmax(np.abs(shape))]))
+    """A shape that is positive where it is largest: a mode has no sign of its own.
+
+    Of freedoms that move nearly as much, on either side of a structure, it is the first.
+    """
+    size = np.abs(shape)
+    return np.asarray(shape * np.sign(shape[np.argmax(size > _AS_LARGE * size.max())]))
 
 
 def check_arrays(
