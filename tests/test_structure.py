@@ -6,12 +6,13 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.io import savemat
 from scipy.optimize import brentq
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 from solid_decks import decks
 
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.structure.deck import Deck, DeckError
+from romsindy.structure.linear import Matrices, linear_modes
 from romsindy.structure.structure import load_structure
 
 # Two modes: V = omega^2 q^2 / 2 + fast^2 y^2 / 2 + bend q^2 y, held by a force of the first.
@@ -382,3 +383,19 @@ def test_no_output_replaces_what_a_deck_includes(deck, monkeypatch, tmp_path):
         done = CliRunner().invoke(main, given)
         assert done.exit_code == 2 and "no output replaces an input" in done.output, done.output
     assert (tmp_path / "material.inc").read_text() == "*MATERIAL" + rest
+
+
+def test_the_same_modes_come_with_the_same_digits_and_signs():
+    """A rod that is the same from either end: rounding chose which end of a mode was up."""
+    n, beside = 60, {"offsets": [0, 1, -1], "shape": (60, 60)}
+    stiffness, mass = (
+        csc_array(diags_array([a, b, b], **beside)) for a, b in ((2.0, -1), (4.0, 1))
+    )
+    known = Matrices(stiffness, mass, np.arange(n) + 1, np.full(n, 3))
+    first, *others = (linear_modes("chain", known, 6) for _ in range(3))
+    for again in others:
+        assert np.array_equal(again.omega, first.omega)
+        assert np.array_equal(again.shapes, first.shapes)
+    # Signs are those of the closed form, whose first swing is up.
+    exact = np.sin(np.outer(np.arange(1, 7), np.arange(1, n + 1)) * np.pi / (n + 1))
+    assert np.all(np.sum(exact * first.shapes, axis=1) > 0)
