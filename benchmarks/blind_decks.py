@@ -536,11 +536,12 @@ def diagnosed(seed: int, found: dict[str, Array], folder: Path) -> Outcome:
 
 
 def gap_after(
-    seed: int, outcome: Outcome, found: dict[str, Array], folder: Path
+    seed: int, outcome: Outcome, found: dict[str, Array], folder: Path, steps: int = _STEPS
 ) -> EqualAmplitude | None:
     """How far the corrected deck, in CalculiX's time, is from the true motion at the first sensor.
 
-    None where nothing is to be corrected, and of a dashpot, which is none of its elements.
+    It has so many ``steps`` in a linear cycle. None where nothing is to be corrected, and of a
+    dashpot, which is none of its elements.
     """
     report, mesh = outcome.report, Mesh(hidden_of(seed).shape, folder)
     if not (outcome.good and report.parts and report.names) or "viscous" in report.names:
@@ -564,9 +565,9 @@ def gap_after(
         capture_output=True,
     )
     alpha = float(report.values.get("alpha", found["alpha"]))
-    step, release = float(found["step"]) * _KEPT, _RELEASES[0] * mesh.shape.thickness
+    step, release = float(found["step"]) * _STEPS / steps, _RELEASES[0] * mesh.shape.thickness
     run = rs.Structure.from_calculix(corrected, progress=False).released(
-        sensors, release, step, _STEPS // _KEPT * _CYCLES, damping=Damping(alpha=alpha)
+        sensors, release, step, steps * _CYCLES, damping=Damping(alpha=alpha)
     )
     t, truth = float(found["step"]) * np.arange(len(found["x_0"])), found["x_0"][:, 0]
     own = extract_backbone(rs.Decay(run.t, run.moved[:, 0], unit="m"))
@@ -620,8 +621,11 @@ def _percent(gap: EqualAmplitude) -> str:
 @click.option("--count", default=24, show_default=True, help="Trials.")
 @click.option("--motions", "kept", type=click.Path(path_type=Path), help="Folder that keeps them.")
 @click.option("--only-motions", is_flag=True, help="Make the motions, and diagnose nothing.")
+@click.option("--steps", default=_STEPS, show_default=True, help="In a cycle of corrected decks.")
 @click.option("--modes", is_flag=True, help="How far the simulator is off, with modes that ring.")
-def main(first: int, count: int, kept: Path | None, only_motions: bool, modes: bool) -> None:
+def main(
+    first: int, count: int, kept: Path | None, only_motions: bool, steps: int, modes: bool
+) -> None:
     """Print a line for each trial, and how many are right first, or named and wrong."""
     for name in SHAPES if modes else ():
         for rings in (0, 5):
@@ -645,7 +649,7 @@ def main(first: int, count: int, kept: Path | None, only_motions: bool, modes: b
             begun = time.process_time()
             outcome = diagnosed(seed, found, folder)
             seconds = time.process_time() - begun
-            gap = gap_after(seed, outcome, found, folder)
+            gap = gap_after(seed, outcome, found, folder, steps)
         outcomes.append(outcome)
         gaps += [] if gap is None else [gap]
         report = outcome.report

@@ -15,13 +15,7 @@ import numpy as np
 
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Selection, decays_in
-from romsindy.commands.options import (
-    READING,
-    estimate_of,
-    model_of,
-    reading_options,
-    text_of,
-)
+from romsindy.commands.options import READING, estimate_of, model_of, reading_options, text_of
 from romsindy.commands.options import given as on_command_line
 from romsindy.commands.outputs import Output, WritingCommand, keep_inputs, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
@@ -99,7 +93,7 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
     "--cycles", type=click.IntRange(4), default=10, show_default=True, help="Length of each run."
 )
 @click.option(
-    "--steps", type=click.IntRange(20), default=100, show_default=True, help="In time, of a cycle."
+    "--steps", type=click.IntRange(20), default=200, show_default=True, help="In time, of a cycle."
 )
 @reading_options
 @click.option("--release", type=int, help="Number of the measured release.  [default: all]")

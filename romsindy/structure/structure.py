@@ -102,13 +102,7 @@ class Structure(LinearModel):
 
     @classmethod
     def _of_deck(
-        cls,
-        deck: Deck,
-        program: CalculiX,
-        kept: CaseStore,
-        n_jobs: int,
-        modes: int,
-        progress: bool,
+        cls, deck: Deck, program: CalculiX, kept: CaseStore, n_jobs: int, modes: int, progress: bool
     ) -> Structure:
         basis = kept.basis(modes)
         if basis is None:
@@ -398,8 +392,7 @@ class Structure(LinearModel):
         release : float
             Displacement of the first sensor, unit of length of the deck.
         step, count : float, int
-            s, and how many; a hundredth of a cycle costs 0.03 % of the frequency, see
-            `Released.true`.
+            s, and how many: a 200th of a cycle, less where half of that changes what is seen.
         damping : Damping, optional
             CalculiX takes Rayleigh damping: a ratio is that of the mode and, where a force held it,
             of the mode that rings most beside it.
