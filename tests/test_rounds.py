@@ -2,9 +2,17 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
+import romsindy as rs
 from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.rounds import Rounds
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.structure import corrected
+from romsindy.effects import LinearFrequency
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record, scales
 
 OPTIONS = Options((), 0.01, 2, 1e-4, 1, lambda _: None)
 
@@ -18,7 +26,8 @@ class _Turning(Rounds):
     def __post_init__(self) -> None:
         self.clear, self.seen = [], []
 
-    def simulate(self, parts):
+    def simulate(self, parts, needed=()):
+        assert list(needed) in ([], list(parts))
         return list(parts)
 
     def _look(self, effects, found, most):
@@ -62,3 +71,27 @@ def test_an_exponent_that_takes_turns_is_that_of_the_textbook():
     """From the structure with the one the other is found: the first that has fewer values stays."""
     assert _looks({"": "a", "a": "a'", "a'": "a"}) == (["", "a", "a'"], "a'")
     assert _looks({"": "a'", "a'": "a", "a": "a'"}) == (["", "a'", "a", "a'"], "a'")
+
+
+def test_an_equation_has_what_it_needs_where_the_structure_has_more():
+    """A clamp that gives way does ever less: by its linear law the equation would run away."""
+    model = rs.ReducedModel.from_coefficients({"omega^2": 36.0, "c_linear": 0.1})
+    decay = model.simulate(1.0, 0.0, np.arange(0.0, 5.0, 0.02))
+    record = Record.of(decay, 1e-6)
+    needed = Part.of(LinearFrequency(), scales([record]), 1)
+    there = needed.moved(13 * needed.values)
+    asked = []
+
+    def moved(equation, parts, *given):
+        asked.extend((equation.parts, parts))
+        raise StopIteration
+
+    def start(model, parts, record):
+        asked.append(parts)
+        return 1.0, 0.0
+
+    structure = SimpleNamespace(with_effects=tuple, start=start, moved=moved)
+    with pytest.raises(StopIteration):
+        corrected(structure, model, [there], record, decay, None, record, (needed,))
+    begun, equation, simulated = ([p.values[0] for p in parts] for parts in asked)
+    assert begun == equation == [needed.values[0]] and simulated == [there.values[0]]

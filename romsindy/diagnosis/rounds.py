@@ -119,12 +119,16 @@ class Rounds:
         defect = np.std(record.signal - found.decay.signal)
         return bool(moved * defect > _ELSEWHERE * record.noise.std)
 
-    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
-        """Simulate the structure with what was found."""
+    def simulate(
+        self, parts: Sequence[Part], needed: Sequence[Part] | None = None
+    ) -> list[Corrected]:
+        """Simulate the structure with what was found, and its equation with what is ``needed``."""
         added = " + ".join(p.effect.name for p in parts) or "nothing more"
         self.options.progress(f"{self.structure.what} with {added}")
         rows = zip(self.records, self.raw, self.releases, self.smooth, strict=True)
-        tasks = (delayed(corrected)(self.structure, self.model, parts, *row) for row in rows)
+        tasks = (
+            delayed(corrected)(self.structure, self.model, parts, *row, needed) for row in rows
+        )
         found: list[Corrected] = list(self.parallel(tasks))
         self.return_to(found)
         return found
@@ -165,9 +169,10 @@ class Rounds:
                 if len(reports) > 2 and self._rounds_again(*reports[-3:]):
                     return Outcome(self._checked(last[0]), parts, found)
             last = report, found, parts
-            parts = self.next_parts(parts, self._simulated_of(report).parts)
+            told = self.structure.with_effects(self._simulated_of(report).parts)
+            parts = self.next_parts(parts, told)
             try:
-                found = self.simulate(parts)
+                found = self.simulate(parts, told)
             except self.structure.failures as error:
                 return Outcome(report, (), before, str(error))
         seen = [h for r in reports for h in (r.best, *r.rivals)]

@@ -94,16 +94,20 @@ def corrected(
     decay: Decay,
     release: Any,
     smooth: Record,
+    needed: Sequence[Part] | None = None,
 ) -> Corrected:
     """Simulate a structure and its equation, both with the parts that it can have.
+
+    The equation has those that are ``needed``, if it needs others for the same motion.
 
     Only the coordinate and its rate at the start are fitted: to the record of the coordinate, or to
     one that was corrected before, ``smooth``, from which higher modes are gone. The decay holds
     what all sensors measured, as fast as they did.
     """
     parts = structure.with_effects(parts)
-    equation = equation_of(model, parts, 0, record)
-    start = structure.start(model, parts, smooth)
+    needed = parts if needed is None else needed
+    equation = equation_of(model, needed, 0, record)
+    start = structure.start(model, needed, smooth)
     moved, start, release = structure.moved(equation, parts, record, decay, start, release)
     reduced = integrate(equation, np.array(start), record.motion.grid)
     signals: dict[str, Any] = {}

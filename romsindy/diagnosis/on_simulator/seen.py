@@ -347,7 +347,7 @@ class OnSimulator:
         if release is not None:
             (found,) = moved_together([AskedMotion(self, equation, parts, record, start, release)])
             return whole(found)
-        past = self._past(equation, start, parts, record, _EARLIEST)
+        past = self._past(equation, start, record, _EARLIEST)
         turns = max(int(past.speed > _STILL), past.first)
         run = self._run(past, turns, parts, record, float(record.t[-1]))
         at = int(np.searchsorted(decay.t, record.decay.t[0]))
@@ -358,14 +358,9 @@ class OnSimulator:
         return run.moved(record, past, None)
 
     def _past(
-        self,
-        equation: ExtendedEquation,
-        begins: tuple[float, float],
-        parts: Sequence[Part],
-        record: Record,
-        most: int,
+        self, equation: ExtendedEquation, begins: tuple[float, float], record: Record, most: int
     ) -> Past:
-        values = tuple((*key_of(p), p.values.tobytes()) for p in parts)
+        values = tuple((*key_of(p), p.values.tobytes()) for p in equation.parts)
         asked = (values, begins, record.rate, most)
         if asked not in self.pasts:
             model = cast(ReducedModel, extended(equation.model, equation.parts))
@@ -482,7 +477,7 @@ def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
     for i, (there, equation, parts, record, start, release) in enumerate(asked):
         try:
             begins, most = release.state or start, max(release.turns, 1)
-            past = there._past(equation, begins, parts, record, most)
+            past = there._past(equation, begins, record, most)
             turns = max(release.turns, past.first)
             question = there._since(past, turns, parts, record, float(record.t[-1]))
             runs.append((i, past, turns, question))

@@ -10,12 +10,7 @@ from scipy.linalg import eigh
 
 from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
-from romsindy.diagnosis.on_simulator.seen import (
-    ForceScale,
-    OnSimulator,
-    ProbeSpring,
-    ValueEffect,
-)
+from romsindy.diagnosis.on_simulator.seen import ForceScale, OnSimulator, ProbeSpring, ValueEffect
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
