@@ -2,15 +2,22 @@
 
 Sensors have noises of their own colours. Cosines of their readings, over the noise, are nearly
 independent: in each, what goes with the shape of the first mode is left to the coordinate.
+
+A mode whose frequency is off by 0.2 % has turned, by the time t, 0.002 omega t too far: by what it
+does there, times that, its cosines are unsure. So a fast mode is heard in its first cycles, and
+hardly when it may have lost step: all explanations leave that, and one takes a part by chance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import dct
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.diagnosis.structure import channel_noises
 from romsindy.fit.records.record import Record
@@ -27,16 +34,25 @@ _DETUNED = 2e-3
 UNEXPLAINED = 0.2
 _NEW = 1e-9  # of a column beside others
 _CYCLES = 12  # once it is calm: over these all sensors are heard
+_HARMONICS = 3.5  # of the first mode: what is faster is another mode
+_LOST = np.sqrt(2.0)  # of what a mode does: so far it is from any other phase
+_BESIDE = 3  # cosines next to each other, among which a mode is
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What all sensors read in the first cycles of a record, and the noise of each."""
+    """What all sensors read in the first cycles of a record, and the noise of each.
+
+    Where frequencies of other modes are not known, ``rung`` is what these do, and ``cycle`` one of
+    the first mode, s.
+    """
 
     t: Array  # (n,), s, from where the beam is let go
     measured: Array  # (n, n_sensors)
     noises: tuple[Noise, ...]
     first: int = 0  # sample from which on it is calm enough
+    rung: Array | None = None  # (n, n_sensors)
+    cycle: float = np.inf
 
     @classmethod
     def of(cls, record: Record, decay: Decay, first: float, floor: float) -> Readings:
@@ -49,22 +65,57 @@ class Readings:
         calm = int(np.searchsorted(decay.t, first))
         return cls((decay.t - decay.t[0])[:n], decay.signal[:n], noises, calm)
 
+    def unsure(self, q: Array, rate: float) -> Readings:
+        """The same where frequencies of other modes than that of q (n,) are not known, rad/s."""
+        rung = self.measured - FirstMode.of(q, self.measured, self.t).readings
+        return replace(self, rung=rung, cycle=2 * np.pi / rate)
+
     def part(self, share: float) -> Readings:
         """The first part of what is looked at."""
         n = self.first + int(np.ceil(share * (len(self.t) - self.first)))
-        return replace(self, t=self.t[:n], measured=self.measured[:n])
+        rung = None if self.rung is None else self.rung[:n]
+        return replace(self, t=self.t[:n], measured=self.measured[:n], rung=rung)
 
-    def cosines(self, x: Array, shape: Array) -> Array:
-        """Cosines of readings (n, n_sensors) over the noise, without what goes with a shape."""
-        x = x[self.first :]
-        y = np.stack([n.cosines(y) for n, y in zip(self.noises, x.T, strict=True)], axis=1)
-        along = shape / np.stack([n.of_cosines(len(x)) for n in self.noises], axis=1)
-        along /= np.linalg.norm(along, axis=1)[:, None]
-        return np.asarray(y - along * np.sum(along * y, axis=1)[:, None]).ravel()
+    def cosines(self, x: Array, shape: Array | None = None) -> Array:
+        """Cosines (m, ...) of readings (n, n_sensors, ...) over what is not known of them.
+
+        Readings are from the first on; what goes with a ``shape`` is taken off.
+        """
+        found = []
+        for span in self._spans(len(x)):
+            unknown = self._unknown(span)
+            y = (dct(x[span], norm="ortho", axis=0).T / unknown.T).T
+            if shape is not None:
+                along = shape / unknown
+                along /= np.linalg.norm(along, axis=1)[:, None]
+                y -= np.einsum("ks,kr,kr...->ks...", along, along, y)
+            found.append(y.reshape(-1, *x.shape[2:]))
+        return np.concatenate(found)
+
+    def _spans(self, n: int) -> list[slice]:
+        """Of n samples the first cycle, the second, the next two, the next four, and so on."""
+        cycle = self.cycle / float(self.t[1] - self.t[0])
+        edges = [self.first]
+        while (later := (2 ** (len(edges) - 1)) * cycle) < n - self.first - cycle / 2:
+            edges.append(self.first + round(later))
+        return [slice(*pair) for pair in pairwise([*edges, n])]
+
+    def _unknown(self, span: slice) -> Array:
+        """Standard deviations of cosines, (n, n_sensors): noise, and modes turned too far."""
+        n = span.stop - span.start
+        noise = np.stack([own.of_cosines(n) for own in self.noises], axis=1)
+        if self.rung is None:
+            return noise
+        half_turns = np.arange(n) / (n * (self.t[1] - self.t[0]))  # in a second
+        phase = np.minimum(_DETUNED * np.pi * half_turns * self.t[span.stop - 1], _LOST)
+        phase[half_turns * self.cycle < 2 * _HARMONICS] = 0.0
+        waves = dct(self.rung[span], norm="ortho", axis=0)
+        square = _BESIDE * uniform_filter1d(waves**2, _BESIDE, axis=0, mode="nearest")
+        return np.asarray(np.sqrt(noise**2 + phase[:, None] ** 2 * square))
 
     def over_noise(self, columns: Sequence[Array], shape: Array) -> Array:
         """Cosines of several readings as columns (m, k)."""
-        return np.stack([self.cosines(y, shape) for y in columns], axis=1)
+        return self.cosines(np.stack(columns, axis=-1), shape)
 
 
 class FirstMode(NamedTuple):
@@ -120,11 +171,11 @@ def with_errors(table: Array, errors: Array) -> Array:
 
 def without(table: Array, free: Array) -> Array:
     """Columns without what others span."""
-    basis = _orthonormal(free)
+    basis = orthonormal(free)
     return np.asarray(table - basis @ (basis.T @ table))
 
 
-def _orthonormal(columns: Array) -> Array:
+def orthonormal(columns: Array) -> Array:
     """A basis of what columns span, those that say nothing new left out."""
     size = np.linalg.norm(columns, axis=0)
     u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)

@@ -24,13 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from romsindy.diagnosis.all_sensors import tells
+from romsindy.diagnosis.all_sensors import orthonormal, tells
 from romsindy.diagnosis.on_simulator.seen import Beginning, Failure, OnSimulator, ValueEffect
-from romsindy.diagnosis.on_simulator.sensor_fit import (
-    FittedSimulator,
-    SensorFit,
-    known_rows,
-)
+from romsindy.diagnosis.on_simulator.sensor_fit import FittedSimulator, SensorFit, known_rows
 from romsindy.diagnosis.search import with_textbook_exponent
 from romsindy.effects.base import Effect, Scales, TermEffect
 from romsindy.fit.kernel.part import Part
@@ -214,7 +210,6 @@ def _distance(places: Array, others: Array) -> Array:
 
 # -- a linear look --------------------------------------------------------------------------------
 
-_NEW = 1e-9  # of a column beside others
 _LITTLE = 1e-3  # of the restoring force: half as much in frequency, which does not matter
 _FEW = 3  # of what may be missing: as many are fitted to all sensors
 _NEARER = 16  # points about the likeliest place of something, at a time
@@ -238,9 +233,7 @@ class LinearLook:
     @classmethod
     def of(cls, left: Array, known: Array) -> LinearLook:
         """Of what is left, (m,), and what it may follow, (m, k)."""
-        size = np.linalg.norm(known, axis=0)
-        u, s, _ = np.linalg.svd(known[:, size > 0] / size[size > 0], full_matrices=False)
-        basis = u[:, s > _NEW * s.max(initial=0.0)]
+        basis = orthonormal(known)
         return cls(left - basis @ (basis.T @ left), basis)
 
     def with_strength(self, candidate: Candidate, change: Array) -> Candidate:
@@ -377,6 +370,6 @@ class CandidateSearch:
             own = [m for m in moved if not isinstance(m, Failure)]
             if len(own) == len(now):  # else it is too strong, where it moves least
                 pairs = zip(own, now, strict=True)
-                changes = [((m.readings - x.readings) / x.measured.noise).ravel() for m, x in pairs]
+                changes = [x.measured.cosines(m.readings - x.readings) for m, x in pairs]
                 found.append(self.look.with_strength(c, np.concatenate(changes)))
         return found

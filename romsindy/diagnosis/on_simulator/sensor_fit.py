@@ -2,7 +2,7 @@
 
 A linear equation of one mode is not asked: the simulator itself is, with a little of each change to
 either side. Where another mode is detuned it loses step within few cycles, and no step leads from
-there. So first cycles are fitted first, and ever more of them.
+there. So first cycles are fitted first, and ever more of them, in which it has ever less to say.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from romsindy.diagnosis.all_sensors import GAINS, FirstMode, by_gains, detuned
+from romsindy.diagnosis.all_sensors import GAINS, FirstMode, Readings, by_gains, detuned
 from romsindy.diagnosis.on_simulator.seen import (
     AskedMotion,
     Beginning,
@@ -37,17 +37,10 @@ _TURN = 0.02  # radians by which a change of a stated value may turn the slow mo
 # Cycles of the first look at all sensors, steps of each at most, and how much longer the next is
 _FIRST, _STEPS, _LONGER = 1.0, 6, 2.0
 _SHARES = (1.0, 0.5, 0.2)  # of a step: the best is taken
-_NO_LESS = 0.98  # of chi-square: what leaves as much is no nearer
+_LITTLE = 0.02  # of chi-square beside noise: what takes off less is no nearer
 # Of what values do together: less than this part is an error of differences, a sixth of the square
 # of what they turn, and tells nothing of values that do the same
 _TOLD = 1e-4
-
-
-class SensorRecord(NamedTuple):
-    """What the sensors read in a record, (n, n_sensors), and the noise of each, (n_sensors,)."""
-
-    readings: Array
-    noise: Array
 
 
 class Now(NamedTuple):
@@ -56,25 +49,25 @@ class Now(NamedTuple):
     readings: Array
     start: tuple[float, float]
     release: Beginning
-    measured: SensorRecord
+    measured: Readings
 
     @classmethod
-    def of(cls, found: Corrected, measured: SensorRecord) -> Now:
+    def of(cls, found: Corrected, measured: Readings) -> Now:
         """Of a record that was simulated to its end."""
         return cls(found.readings, found.start, found.release, measured)
 
     @property
     def left(self) -> Array:
-        """What the motion leaves of what was measured, over the noise, (m,)."""
-        measured = self.measured.readings[: len(self.readings)]
-        return np.asarray(((measured - self.readings) / self.measured.noise).ravel())
+        """What the motion leaves of what was measured, (m,), as cosines over what is not known."""
+        own = self.measured
+        return own.cosines(own.measured[: len(self.readings)] - self.readings)
 
     def allowed(self, here: OnSimulator, t: Array) -> Array:
         """What gains of sensors and frequencies of other modes may change, (m, k)."""
         x, t = self.readings, t[: len(self.readings)]
         rung = x - FirstMode.of(here.coordinate(x), x, t).readings
         columns = [*(GAINS * y for y in by_gains(x)), *detuned(rung, t)]
-        return np.stack([(y / self.measured.noise).ravel() for y in columns], axis=1)
+        return self.measured.cosines(np.stack(columns, axis=-1))
 
 
 class LinearReadings(NamedTuple):
@@ -121,7 +114,7 @@ class SensorFit:
     here: OnSimulator
     model: ReducedModel
     records: Sequence[Record]  # of the coordinate
-    measured: Sequence[SensorRecord]
+    measured: Sequence[Readings]
     n_training: int
 
     def grown(
@@ -139,7 +132,8 @@ class SensorFit:
             for _ in range(_STEPS):
                 parts, now, _ = fitted = self.after_step(parts, now, end)
                 last, left = left, self._misfit(parts, now)
-                if left > _NO_LESS * last:
+                beside_noise = left - sum(n.left.size for n in now[: self.n_training])
+                if last - left < max(_LITTLE * beside_noise, 1.0):
                     break
             begins = fitted.releases
             if end >= longest:
@@ -273,7 +267,7 @@ class SensorFit:
             by_size = (begun[i].readings - n.readings) / _LARGER
             later = np.gradient(n.readings, self.records[i].decay.dt, axis=0)
             columns = [*by_value, by_size, later]
-            table = np.stack([(x / n.measured.noise).ravel() for x in columns], axis=1)
+            table = n.measured.cosines(np.stack(columns, axis=-1))
             rows.append(LinearReadings(n.left, table[:, :-2], table[:, -2:]))
         return rows
 

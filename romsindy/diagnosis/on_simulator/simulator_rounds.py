@@ -40,7 +40,7 @@ from romsindy.diagnosis.on_simulator.seen import (
     ValueEffect,
     moved_together,
 )
-from romsindy.diagnosis.on_simulator.sensor_fit import FittedSimulator, Now, SensorFit, SensorRecord
+from romsindy.diagnosis.on_simulator.sensor_fit import FittedSimulator, Now, SensorFit
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.search import strongest_tones
@@ -53,6 +53,7 @@ from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, prior_cost
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
+from romsindy.record.noise import Noise
 from romsindy.record.spectrum import noise_std
 from romsindy.simulator.simulator import whole
 from romsindy.typing import Array
@@ -116,20 +117,25 @@ class SimulatorRounds(Rounds):
         ]
         return found
 
-    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
+    def simulate(
+        self, parts: Sequence[Part], needed: Sequence[Part] | None = None
+    ) -> list[Corrected]:
         """Simulate with what was found, and let the equation follow.
 
         How records begin is looked at anew, unless the same effects were there before.
         """
         if [key_of(p) for p in parts] != [key_of(p) for p in self.own]:
             self.releases = [None] * len(self.records)
-        found = super().simulate(parts)
+        found = super().simulate(parts, needed)
         seen = [
             as_measured(r, self.structure.coordinate(c.readings))
             for r, c in zip(self.records, found, strict=True)
         ]
         # Values that do the same to the equation are those of the simulator, not the likelier ones.
-        there = [p if p.tolerance is None else replace(p, near=float(p.values[0])) for p in parts]
+        pairs = zip(parts, parts if needed is None else needed, strict=True)
+        there = [
+            x if p.tolerance is None else replace(x, near=float(p.values[0])) for p, x in pairs
+        ]
         followed = fit(self.model, there, seen, iterations=30)
         if not followed.finite:
             raise TrajectoryError("no motion of its equation follows it")
@@ -379,7 +385,7 @@ class SimulatorRounds(Rounds):
 
     def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
         """Samples of all sensors beside the first mode, and of whole records."""
-        whole_records = sum(m.readings.size for m in self.measured[: self.n_training])
+        whole_records = sum(m.measured.size for m in self.measured[: self.n_training])
         return samples_beside(read), whole_records
 
     def _left_by(
@@ -468,7 +474,8 @@ class SimulatorRounds(Rounds):
         """What all sensors read in a record."""
         record = self.records[i]
         own = self.raw[i].between(record.decay.t[0], record.decay.t[-1])
-        return Readings.of(record, own, self.calm[i], self.options.floor)
+        read = Readings.of(record, own, self.calm[i], self.options.floor)
+        return read.unsure(self.structure.coordinate(read.measured), record.rate)
 
     def place_of(self, parts: Sequence[Part]) -> PlaceOnStructure | None:
         """The place of what acts at a point, where it is the one that was found."""
@@ -528,13 +535,15 @@ class SimulatorRounds(Rounds):
         return SensorFit(self.structure, *given)
 
     @cached_property
-    def measured(self) -> list[SensorRecord]:
+    def measured(self) -> list[Readings]:
         """What the sensors measured in each record."""
         found = []
         for record, raw in zip(self.records, self.raw, strict=True):
             own = raw.between(record.decay.t[0], record.decay.t[-1])
-            readings = own.signal.reshape(len(own.t), -1)
-            found.append(SensorRecord(readings, np.array([noise_std(y) for y in readings.T])))
+            x = own.signal.reshape(len(own.t), -1)
+            noises = tuple(Noise.white(noise_std(y), own.dt) for y in x.T)
+            read = Readings(own.t - own.t[0], x, noises)
+            found.append(read.unsure(self.structure.coordinate(x), record.rate))
         return found
 
     def next_parts(self, parts: Sequence[Part], found: Sequence[Part]) -> tuple[Part, ...]:
