@@ -218,10 +218,6 @@ def bootstrap(
     progress : callable, optional
         Called with the number of repetitions done.
 
-    Returns
-    -------
-    Bootstrap
-
     Raises
     ------
     ValueError

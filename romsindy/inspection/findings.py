@@ -273,10 +273,6 @@ class Findings:
         release : int, optional
             Number of the release, from 1; all in which the mode rings by default.
 
-        Returns
-        -------
-        tuple of Decay
-
         Raises
         ------
         ValueError
@@ -296,10 +292,6 @@ class Findings:
         ----------
         release : int, optional
             Number of the release, from 1; all in which the dominant mode rings by default.
-
-        Returns
-        -------
-        tuple of Decay
 
         Raises
         ------
@@ -325,10 +317,6 @@ class Findings:
             Number of the release, from 1; all in which enough modes ring by default.
         modes : int, optional
             How many modes are enough; as many as ring in any release by default.
-
-        Returns
-        -------
-        tuple of Decay
 
         Raises
         ------

@@ -161,10 +161,6 @@ def inspect(
     **reading
         Of a file: unit, quantity, column, time, rate, start, end, as `load_recording` takes them.
 
-    Returns
-    -------
-    Inspection
-
     Raises
     ------
     ValueError

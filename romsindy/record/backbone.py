@@ -350,10 +350,6 @@ def extract_backbone(decay: Decay, *, cycles: int | None = None) -> Backbone:
         Number of neighbouring cycles behind each value, at least 2, where the data are not to
         tell: more of them average more noise, fewer follow faster changes.
 
-    Returns
-    -------
-    Backbone
-
     Raises
     ------
     ValueError

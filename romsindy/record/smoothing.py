@@ -103,11 +103,7 @@ def _phase(t: Array, at: Array) -> BSpline:
     slope = [(turns[1] - turns[0]) / (at[1] - at[0]), (turns[-1] - turns[-2]) / (at[-1] - at[-2])]
     at = np.concatenate([[min(t[0], at[0] - 1e-9)], at, [max(t[-1], at[-1] + 1e-9)]])
     turns = np.concatenate(
-        [
-            [turns[0] - slope[0] * (at[1] - at[0])],
-            turns,
-            [turns[-1] + slope[1] * (at[-1] - at[-2])],
-        ]
+        [[turns[0] - slope[0] * (at[1] - at[0])], turns, [turns[-1] + slope[1] * (at[-1] - at[-2])]]
     )
     return make_lsq_spline(at, turns, _knots(at, max(1, len(at) // 8)), k=3)
 

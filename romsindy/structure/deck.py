@@ -276,9 +276,7 @@ def _lines(path: Path) -> list[str]:
         raise DeckError(f"{path}: there is no such deck") from error
 
 
-def _blocks(
-    lines: Sequence[str],
-) -> Iterator[tuple[int, str, tuple[str, ...], dict[int, str]]]:
+def _blocks(lines: Sequence[str]) -> Iterator[tuple[int, str, tuple[str, ...], dict[int, str]]]:
     """Of each keyword the number of its line, its head, all lines, and those of data by number."""
     starts = [i for i, line in enumerate(lines) if _is_keyword(line)]
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):

@@ -167,9 +167,7 @@ def units_of(name: str, value: Any) -> Units:
     return Units(known.factor, _MASSES[mass])
 
 
-def _sensors(
-    table: Mapping[str, Any],
-) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...]]:
+def _sensors(table: Mapping[str, Any]) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...]]:
     refuse_unknown("[sensors]", table, ("nodes", "columns"))
     names, columns = (
         entries.several(entries.text)(f"[sensors] {name}", table.get(name, []))

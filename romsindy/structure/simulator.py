@@ -113,10 +113,7 @@ class RightAt(PartDecks):
 
 
 def member_of(
-    base: LinearModel,
-    kept: Sequence[int],
-    other: LinearModel,
-    curve: Callable[[int], HeldCurve],
+    base: LinearModel, kept: Sequence[int], other: LinearModel, curve: Callable[[int], HeldCurve]
 ) -> Member:
     """Modes of another deck that are those of a deck, ``kept`` by number.
 

@@ -224,10 +224,6 @@ def fit_steady(
     unit : str, optional
         Unit of q, where the model is chosen.
 
-    Returns
-    -------
-    SteadyFit
-
     Raises
     ------
     ValueError
