@@ -307,6 +307,19 @@ def test_where_no_explanation_comes_near_no_place_is_looked_for():
     assert SimulatorRounds._once_heard(rounds, found) is found
 
 
+@pytest.mark.parametrize("decided", [True, False])
+def test_the_coordinate_says_nothing_else_once_all_sensors_decided(decided):
+    """Heard once more it would rather have a density: that stands only where nothing decided."""
+    density, spring = (
+        SimpleNamespace(report=SimpleNamespace(best=SimpleNamespace(names=(name,))), corrected=x)
+        for name, x in (("density", 1.0), ("linear_frequency", 1.5))
+    )
+    rounds = SimpleNamespace(decided=decided, own_error=float)
+    assert SimulatorRounds._no_nearer(rounds, density, spring, True) is decided
+    nearer = SimpleNamespace(report=spring.report, corrected=1.0)
+    assert not SimulatorRounds._no_nearer(rounds, nearer, spring, True)
+
+
 @pytest.mark.parametrize("there", [True, False])
 def test_what_stands_in_a_simulator_for_what_it_cannot_have_is_told(there, monkeypatch):
     """A joint that does not slip is a spring: all sensors heard the spring, and nothing better."""

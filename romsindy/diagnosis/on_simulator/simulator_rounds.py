@@ -275,9 +275,10 @@ class SimulatorRounds(Rounds):
 
     def _no_nearer(self, again: Outcome, found: Outcome, near: bool) -> bool:
         """Whether what stays the same leaves more of the sensors, or once near nearly as much."""
-        same = again.report.best.names == found.report.best.names
+        if again.report.best.names != found.report.best.names:
+            return self.decided  # then they would not have it
         part = _NO_LESS if near else 1.0
-        return same and self.own_error(again.corrected) > part * self.own_error(found.corrected)
+        return self.own_error(again.corrected) > part * self.own_error(found.corrected)
 
     def _once_heard(self, found: Outcome) -> Outcome:
         """What is found once all sensors had their say, and near to the records."""
