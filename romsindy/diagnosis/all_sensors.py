@@ -43,8 +43,7 @@ _BESIDE = 3  # cosines next to each other, among which a mode is
 class Readings:
     """What all sensors read in the first cycles of a record, and the noise of each.
 
-    Where frequencies of other modes are not known, ``rung`` is what these do, and ``cycle`` one of
-    the first mode, s.
+    Where it is not known how fast other modes are, ``rung`` is what these do.
     """
 
     t: Array  # (n,), s, from where the beam is let go
@@ -52,7 +51,7 @@ class Readings:
     noises: tuple[Noise, ...]
     first: int = 0  # sample from which on it is calm enough
     rung: Array | None = None  # (n, n_sensors)
-    cycle: float = np.inf
+    cycle: float = np.inf  # of the first mode, s, where others ring
 
     @classmethod
     def of(cls, record: Record, decay: Decay, first: float, floor: float) -> Readings:
@@ -109,8 +108,8 @@ class Readings:
         half_turns = np.arange(n) / (n * (self.t[1] - self.t[0]))  # in a second
         phase = np.minimum(_DETUNED * np.pi * half_turns * self.t[span.stop - 1], _LOST)
         phase[half_turns * self.cycle < 2 * _HARMONICS] = 0.0
-        waves = dct(self.rung[span], norm="ortho", axis=0)
-        square = _BESIDE * uniform_filter1d(waves**2, _BESIDE, axis=0, mode="nearest")
+        waves = dct(self.rung[span], norm="ortho", axis=0) ** 2
+        square = _BESIDE * uniform_filter1d(waves, _BESIDE, axis=0, mode="nearest")
         return np.asarray(np.sqrt(noise**2 + phase[:, None] ** 2 * square))
 
     def over_noise(self, columns: Sequence[Array], shape: Array) -> Array:

@@ -132,8 +132,8 @@ class SensorFit:
             for _ in range(_STEPS):
                 parts, now, _ = fitted = self.after_step(parts, now, end)
                 last, left = left, self._misfit(parts, now)
-                beside_noise = left - sum(n.left.size for n in now[: self.n_training])
-                if last - left < max(_LITTLE * beside_noise, 1.0):
+                noise = sum(n.left.size for n in now[: self.n_training])
+                if last - left < max(_LITTLE * (left - noise), 1.0):
                     break
             begins = fitted.releases
             if end >= longest:
