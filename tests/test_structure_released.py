@@ -202,7 +202,7 @@ def test_the_corrected_deck_swings_as_was_measured(strip, folder):
     The simulator has one mode with all that follows it: it agrees to its 0.1 %.
     """
     _measure(strip, folder)
-    done = _export("--dynamic", "--measured", "test.csv", "--cycles", "6")
+    done = _export("--dynamic", "--measured", "test.csv", "--cycles", "6", "--steps", "100")
     assert done.exit_code == 0, done.output
     rows = _rows(done.output)
     for other in (False, True):
@@ -214,7 +214,7 @@ def test_the_corrected_deck_swings_as_was_measured(strip, folder):
     assert "ALPHA and BETA damp an added mass and spring too" in done.output
     # A force that damps is in the simulator alone; a ratio is said in the terms of CalculiX.
     _found(folder, (Stiffness(1), K), (PowerDamping(1), 0.5), damping_ratio=0.001)
-    done = _export("--dynamic", "--measured", "test.csv", "--cycles", "4")
+    done = _export("--dynamic", "--measured", "test.csv", "--cycles", "4", "--steps", "100")
     assert _rows(done.output)["damping,", "median", False][1] == "-"
     assert "nothing of the force that damps" in done.output
     assert "no damping ratio: 0.001 of the corrected deck is ALPHA=" in done.output
