@@ -385,12 +385,12 @@ def test_no_output_replaces_what_a_deck_includes(deck, monkeypatch, tmp_path):
     assert (tmp_path / "material.inc").read_text() == "*MATERIAL" + rest
 
 
-def test_the_same_modes_come_with_the_same_digits_and_signs():
+@pytest.mark.parametrize("spread", [(4.0, 1.0), (6.0, 0.0)])  # a rod's, and equal masses
+def test_the_same_modes_come_with_the_same_digits_and_signs(spread):
     """A rod that is the same from either end: rounding chose which end of a mode was up."""
     n, beside = 60, {"offsets": [0, 1, -1], "shape": (60, 60)}
-    stiffness, mass = (
-        csc_array(diags_array([a, b, b], **beside)) for a, b in ((2.0, -1), (4.0, 1))
-    )
+    pairs = (2.0, -1.0), spread
+    stiffness, mass = (csc_array(diags_array([a, b, b], **beside)) for a, b in pairs)
     known = Matrices(stiffness, mass, np.arange(n) + 1, np.full(n, 3))
     first, *others = (linear_modes("chain", known, 6) for _ in range(3))
     for again in others:

@@ -172,9 +172,9 @@ def linear_modes(name: str, known: Matrices, count: int) -> Basis:
 
 def _least_eigenvalue(mass: csc_array) -> float:
     """Least eigenvalue over a bound of the largest: zero where elements are integrated coarsely."""
-    bound = float(abs(mass).sum(axis=0).max())
+    bound = 2 * float(abs(mass).sum(axis=0).max())  # twice: of equal masses something is left
     turned = diags_array(np.full(mass.shape[0], bound)) - mass
-    return 1 - float(eigsh(turned, 1, which="LA", tol=_SLIGHT / 10)[0][0]) / bound
+    return 2 - 2 * float(eigsh(turned, 1, which="LA", tol=_SLIGHT / 20)[0][0]) / bound
 
 
 def upright(shape: Array) -> Array:
