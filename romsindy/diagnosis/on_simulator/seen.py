@@ -127,12 +127,12 @@ def _other_modes(measured: Array, simulated: Array) -> float:
 
 
 class Beginning(NamedTuple):
-    """How a record begins: so many turns after its release, and with which state of the coordinate.
+    """How a record begins: how long after its release, and with which state of the coordinate.
 
-    Without any turn it begins with its release. Without a state this is read from the record.
+    At zero it begins with its release. Without a state this is read from the record.
     """
 
-    turns: int
+    since: float  # s
     state: tuple[float, float] | None = None
 
     def larger(self, start: tuple[float, float], by: float) -> Beginning:
@@ -380,8 +380,6 @@ class OnSimulator:
         self, past: Past, turns: int, parts: Sequence[Part], record: Record, end: float
     ) -> Question:
         """To let the simulator go so many turns before a record."""
-        if turns >= len(past.releases):
-            raise TrajectoryError(f"the motion did not turn {turns} times before the record began")
         q, before = past.releases[turns]
         t = times(before + end, record.decay.dt, record.rate)
         mass = self.mass(parts)
@@ -401,7 +399,7 @@ class OnSimulator:
         measured, room = measured[: len(first)], float(record.t[-1] - first[-1])
         largest = max(_FARTHER * abs(past.releases[0][0]), *(abs(a) for _, a in self.released))
         longest = usual.before + room
-        known = [k for k in past.turns if k == usual.turns or past.within(k, largest, longest)]
+        known = sorted({usual.turns, *past.within(largest, longest)})
         apart = past.releases[known[-1]][1] - usual.before
         if apart <= 0:
             return usual.turns
@@ -456,7 +454,7 @@ class Run(NamedTuple):
     def moved(self, record: Record, past: Past, state: tuple[float, float] | None) -> Moved:
         """What the sensors read over the record; ``state`` is that of its beginning, if known."""
         readings = [self.read(record.t, order) for order in range(3)]
-        return Moved(readings, past.start(self.turns), Beginning(self.turns, state))
+        return Moved(readings, past.start(self.turns), Beginning(self.before, state))
 
 
 class AskedMotion(NamedTuple):
@@ -476,9 +474,11 @@ def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
     runs: list[tuple[int, Past, int, Question]] = []
     for i, (there, equation, parts, record, start, release) in enumerate(asked):
         try:
-            begins, most = release.state or start, max(release.turns, 1)
-            past = there._past(equation, begins, record, most)
-            turns = max(release.turns, past.first)
+            begins, most = release.state or start, round(release.since * record.rate / np.pi)
+            past = there._past(equation, begins, record, most + 1)
+            if most >= len(past.releases):
+                raise TrajectoryError(f"the motion did not turn {most} times before the record")
+            turns = past.nearest(release.since)
             question = there._since(past, turns, parts, record, float(record.t[-1]))
             runs.append((i, past, turns, question))
         except TrajectoryError as error:
@@ -522,15 +522,15 @@ class Past(NamedTuple):
         """Turns since the latest release that can be."""
         return int(self.speed >= _NEAR)
 
-    @property
-    def turns(self) -> range:
-        """Turns since each release that can be."""
-        return range(self.first, len(self.releases))
+    def nearest(self, since: float) -> int:
+        """Turns since the release that was about so long ago, s: the motion may turn soon, too."""
+        known = range(self.first, len(self.releases))
+        return min(known, key=lambda k: abs(self.releases[k][1] - since))
 
-    def within(self, turns: int, largest: float, longest: float) -> bool:
-        """Whether a release was from no more, and is no longer ago, s."""
-        q, before = self.releases[turns]
-        return abs(q) <= largest and before < longest
+    def within(self, largest: float, longest: float) -> list[int]:
+        """Turns since releases that were from no more, and are no longer ago, s."""
+        rows = enumerate(self.releases[self.first :], self.first)
+        return [k for k, (q, before) in rows if abs(q) <= largest and before < longest]
 
     def start(self, turns: int) -> tuple[float, float]:
         """The state with which the record begins."""

@@ -618,7 +618,7 @@ def left_of(
     turned = later * np.linalg.norm(rung) / max(float(np.linalg.norm(later)), 1e-300)
     errors, free = first.errors(read.t, rate), [rung, turned]
     errors += detuned(rung, read.t)
-    if not begins.turns:
+    if not begins.since:
         errors, free = [*errors, *(_RINGS * x for x in free)], []
     known = [read.measured - motion, *(GAINS * x for x in by_gains(motion))]
     table = read.over_noise([*known, *free], seen.shape)
