@@ -10,7 +10,8 @@ from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.rounds import Rounds
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.structure import corrected
-from romsindy.effects import LinearFrequency
+from romsindy.diagnosis.workflow import diagnose_model
+from romsindy.effects import LinearFrequency, MoreMass
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
 
@@ -95,3 +96,26 @@ def test_an_equation_has_what_it_needs_where_the_structure_has_more():
         corrected(structure, model, [there], record, decay, None, record, (needed,))
     begun, equation, simulated = ([p.values[0] for p in parts] for parts in asked)
     assert begun == equation == [needed.values[0]] and simulated == [there.values[0]]
+
+
+@pytest.mark.parametrize("refused", [None, 6000.0])
+def test_values_that_other_modes_refute_do_not_stand_for_an_effect(refused):
+    """Both do the same to the first mode, and leave a tone of another one, which nothing explains.
+
+    A tenth of mass more is a stiffness that is so much less.
+    """
+    omega, t = 2 * np.pi, np.arange(3000) / 100
+    model = rs.ReducedModel.from_coefficients({"omega^2": omega**2, "c_linear": 0.12}, "m")
+    heavy = {"omega^2": omega**2 / 1.1, "c_linear": 0.12 / 1.1}
+    slow = rs.ReducedModel.from_coefficients(heavy, "m").simulate(0.01, 0.0, t).q
+    tone = 1e-4 * np.exp(-0.1 * t) * np.cos(2.7 * omega * t)
+    noise = 1e-5 * np.random.default_rng(3).standard_normal(len(t))
+    decay = rs.Decay(t, slow + tone + noise, unit="m")
+    catalogue = (MoreMass(), LinearFrequency())
+    options = Options(catalogue, 0.01, 1, 1e-4, 1, lambda _: None)
+    names = frozenset({"added_mass"})
+    known = {"omega^2": 0.2, "c_linear": 0.2}
+    said = None if refused is None else {frozenset[str](): refused, names: 0.0}
+    given = model, [decay], None, (), known, options, NO_FORM_ERROR, False
+    found = diagnose_model(*given, said)
+    assert found.best.names == (() if refused is None else tuple(names))

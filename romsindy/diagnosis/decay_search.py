@@ -348,8 +348,7 @@ class DecaySearch(Search):
         """
 
         def left(h: Hypothesis) -> float:
-            refuted = bool(h.names) and h.misfit_elsewhere > EQUIVALENT
-            n = max(len(h.effects), refuted)
+            n = max(len(h.effects), h.misfit_elsewhere > EQUIVALENT)  # if refuted there
             return (h.solution.chi_squared + h.misfit_elsewhere) * float(WORTH**n)
 
         best = min(seen, key=left)
