@@ -174,7 +174,12 @@ class Rounds:
             try:
                 found = self.simulate(parts, told)
             except self.structure.failures as error:
-                return Outcome(report, (), before, str(error))
+                names = names_of(self._simulated_of(report))
+                if not names or names in self.refuted:
+                    return Outcome(report, (), before, str(error))
+                self.refuted[names] = np.inf  # no such structure can be: another one is asked
+                (_, found, parts), last = last, None
+                self.return_to(found)
         seen = [h for r in reports for h in (r.best, *r.rivals)]
         self.doubtful = {names_of(h): h for h in seen if family_of([h.names, report.best.names])}
         return Outcome(self._checked(undecided(report, self.doubtful)), parts, found)
@@ -188,13 +193,8 @@ class Rounds:
         own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
         if self.can_have(own):
             return report
-        there = (
-            h
-            for r in reversed(self.looked)
-            for h in r.compared
-            if h.effects and self.can_have(h.effects)
-        )
-        nearest = next(there, None)
+        compared = (h for r in reversed(self.looked) for h in r.compared if h.effects)
+        nearest = next((h for h in compared if self.can_have(h.effects)), None)
         return report if nearest is None else undecided(report, {names_of(nearest): nearest})
 
     def _refutes(
@@ -249,10 +249,8 @@ class Rounds:
 
     def _simulated_of(self, report: DiagnosisReport) -> Hypothesis:
         """The best, or the first that is nearly as good and whose effects can all be simulated."""
-        for rival in report.rivals:
-            if self.can_have(rival.effects):
-                return rival
-        return next(iter(self.near(report, 1)), report.best)
+        there = [h for h in report.rivals if self.can_have(h.effects)]
+        return next(iter(there or self.near(report, 1)), report.best)
 
     def _rounds_again(self, *reports: DiagnosisReport) -> bool:
         """Whether the third says what the first did, and the second the same with fewer values."""

@@ -25,6 +25,7 @@ T = TypeVar("T")
 
 _FINE = 60  # samples per cycle that are asked for, at least: what lies between is a spline
 _SPLINE = 5
+_ENDLESS = 1e12  # times a release: no motion that ends
 _OTHER_SCALE = 2.0  # times the release: beyond it the first sensor cannot have been let go there
 _SAME = 1e-3  # of the largest displacement: what two equal questions may differ by
 _ASKED_TWICE = 200  # samples of the question that is asked twice
@@ -256,11 +257,12 @@ class Simulator:
                 f" the {len(q.t)} times, and one column for each of the {n_sensors} channels of the"
                 " records"
             )
-        if not np.all(np.isfinite(x)):
-            first = float(q.t[int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])])
+        astray = ~np.all(np.abs(x) < _ENDLESS * abs(q.release), axis=1)
+        if np.any(astray):
+            first = float(q.t[int(np.argmax(astray))])
             raise SimulatorError(
-                f"{asked} it gave NaN or infinity from {first:.4g} s on: take smaller steps in"
-                " it, or a tighter tolerance of its solver"
+                f"{asked} it gave NaN or infinity, or nearly, from {first:.4g} s on: take smaller"
+                " steps in it, or a tighter tolerance of its solver"
             )
         self._check_release(asked, q.release, x)
         return x

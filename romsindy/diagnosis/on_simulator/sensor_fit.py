@@ -23,7 +23,7 @@ from romsindy.diagnosis.on_simulator.seen import (
     ValueEffect,
     moved_together,
 )
-from romsindy.diagnosis.structure import Corrected, key_of
+from romsindy.diagnosis.structure import key_of
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.part import Part, moved_parts, prior_cost, priors
 from romsindy.fit.records.record import Record
@@ -50,11 +50,6 @@ class Now(NamedTuple):
     start: tuple[float, float]
     release: Beginning
     measured: Readings
-
-    @classmethod
-    def of(cls, found: Corrected, measured: Readings) -> Now:
-        """Of a record that was simulated to its end."""
-        return cls(found.readings, found.start, found.release, measured)
 
     @property
     def left(self) -> Array:

@@ -370,7 +370,8 @@ class SimulatorRounds(Rounds):
             fits[names] = parts, self.structure, fitted.releases
             left[names] = np.minimum(own, left.get(names, np.inf))
         table = np.array([*left.values()])
-        shares = zip(table.T, (UNEXPLAINED, _HALF), self._heard_of(read), strict=True)
+        samples = sum(m.measured.size for m in self.measured[: self.n_training])
+        shares = zip(table.T, (UNEXPLAINED, _HALF), (samples_beside(read), samples), strict=True)
         rises = np.sum([refuted_by(*row) for row in shares], axis=0)
         misfits = dict(zip(left, (rises - rises.min()).tolist(), strict=True))
         price = float(np.log(sum(r.count for r in self.records)))
@@ -383,11 +384,6 @@ class SimulatorRounds(Rounds):
         self.general = [e for e in self.general if e.name in asked]
         again = self.run((), self.simulate(parts), parts)
         return again if names_of(again.report.best) == best else found
-
-    def _heard_of(self, read: Sequence[Readings]) -> tuple[int, int]:
-        """Samples of all sensors beside the first mode, and of whole records."""
-        whole_records = sum(m.measured.size for m in self.measured[: self.n_training])
-        return samples_beside(read), whole_records
 
     def _left_by(
         self, read: Sequence[Readings], parts: tuple[Part, ...], releases: Sequence[Beginning]
@@ -416,8 +412,8 @@ class SimulatorRounds(Rounds):
         places: dict[Names, PlaceOnStructure | None] = {}
         there: dict[Names, tuple[Part, ...]] = {}
         for h in asked:
-            parts = here.with_effects(h.parts)
-            there[names_of(h)] = found.parts if h.names == found.report.best.names else parts
+            same = h.names == found.report.best.names
+            there[names_of(h)] = found.parts if same else self._fitted(h, found)
         heard = {names: self._anywhere(read, parts) for names, parts in there.items()}
         for names in sorted(heard, key=lambda names: heard[names].first):
             self.options.progress(f"all sensors beside {' + '.join(sorted(names))}")
@@ -434,6 +430,15 @@ class SimulatorRounds(Rounds):
             low, high = (e.strength(there[best], self.structure) for e in ends)
             self.place = replace(self.place, strengths=(low, high))
         return {names: tells(x - least, least, noise) for names, x in left.items()}
+
+    def _fitted(self, h: Hypothesis, found: Outcome) -> tuple[Part, ...]:
+        """What an explanation adds, fitted to all sensors if a value is: it may do less."""
+        parts = self.structure.with_effects(h.parts)
+        free = [p for p in parts if isinstance(p.effect, ValueEffect) and p.tolerance is None]
+        try:
+            return self._fit.grown(parts, _begins(found)).parts if free else parts
+        except self.structure.failures:
+            return parts
 
     def _anywhere(self, read: Sequence[Readings], parts: tuple[Part, ...]) -> PlaceSearch:
         """Chi-square that some parts leave of all sensors, wherever they may act."""
@@ -524,7 +529,8 @@ class SimulatorRounds(Rounds):
     def _nearer(self, best: Outcome) -> FittedSimulator:
         """What is in the simulator, changed by one step of least squares on whole records."""
         rows = zip(best.corrected, self.measured, strict=True)
-        return self._fit.after_step(best.parts, [Now.of(*row) for row in rows])
+        now = [Now(c.readings, c.start, c.release, own) for c, own in rows]
+        return self._fit.after_step(best.parts, now)
 
     def _grown(self, best: Outcome) -> FittedSimulator:
         """What is in the simulator, fitted to the first cycles, and to ever more."""
