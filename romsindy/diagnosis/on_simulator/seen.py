@@ -475,7 +475,7 @@ def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
     for i, (there, equation, parts, record, start, release) in enumerate(asked):
         try:
             begins, most = release.state or start, round(release.since * record.rate / np.pi)
-            past = there._past(equation, begins, record, most + 1)
+            past = there._past(equation, begins, record, most + (release.since > 0))
             if most >= len(past.releases):
                 raise TrajectoryError(f"the motion did not turn {most} times before the record")
             turns = past.nearest(release.since)
@@ -508,14 +508,12 @@ class Past(NamedTuple):
 
     @classmethod
     def of(cls, model: ReducedModel, state: tuple[float, float], rate: float, most: int) -> Past:
-        """Of a state of a model, at ``most`` so many turns ago.
-
-        Raises a TrajectoryError if it never turned.
-        """
+        """Of a state of a model, at ``most`` so many turns ago; errors are of `turning_points`."""
         q, q_dot = state
         speed = abs(q_dot) / max(rate * abs(q), 1e-300)
         here = float(np.copysign(np.hypot(q, q_dot / rate), q)), 0.0
-        return cls(state, speed, [here, *turning_points(model, state, rate, most)])
+        turned = turning_points(model, state, rate, most or 1) if most or speed >= _NEAR else []
+        return cls(state, speed, [here, *turned])
 
     @property
     def first(self) -> int:
