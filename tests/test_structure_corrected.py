@@ -62,6 +62,16 @@ def test_materials_are_multiplied_under_a_comment(deck, tmp_path):
     assert "** romsindy: 1.04 times as large" in (tmp_path / "c.inp").read_text()
 
 
+def test_a_part_is_multiplied_beside_all_of_the_deck(deck, tmp_path):
+    """A material that was multiplied twice is still one."""
+    original, node = deck
+    found = _found(node, modulus=1.04, density=0.98, parts={"modulus of SOLID": 0.9})
+    again = Deck.load(_written(original, found, tmp_path / "c.inp"))
+    for name, known, value in (("ELASTIC", 2.184e11, 0.9), ("DENSITY", 7644.0, 1.0)):
+        said = [float(next(card.fields())[0]) for card in again.of(name)]
+        assert said == pytest.approx([known, value * known])
+
+
 def test_a_spring_is_in_the_units_of_the_deck(deck, tmp_path):
     """2000 N/m are 2 N/mm; a deck in mm and t counts forces in N."""
     original, node = deck

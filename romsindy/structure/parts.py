@@ -132,8 +132,9 @@ def times(card: Card, factor: float) -> Card:
         raise DeckError(f"{card.at}: *{card.name} is not isotropic: its modulus is no one number")
     rows = [line.partition(",") for line in card.data]
     lines = [f"{float(first) * factor:.12e}{comma}{rest}" for first, comma, rest in rows]
-    again = f"** romsindy: {factor:.6g} times as large", card.lines[0]
-    return replace(card, lines=(*again, *lines), data=tuple(lines))
+    head = (line for line in card.lines if line.lstrip().startswith("*"))  # comments before as well
+    again = (f"** romsindy: {factor:.6g} times as large", *head, *lines)
+    return replace(card, lines=again, data=tuple(lines))
 
 
 def _softer(deck: Deck, value: PartValue, compliance: float) -> Iterator[Card]:
