@@ -175,9 +175,9 @@ class Rounds:
                 found = self.simulate(parts, told)
             except self.structure.failures as error:
                 names = names_of(self._simulated_of(report))
-                if not names or names in self.refuted:
+                if not names or np.inf in self.refuted.values():
                     return Outcome(report, (), before, str(error))
-                self.refuted[names] = np.inf  # no such structure can be: another one is asked
+                self.refuted[names] = np.inf  # no such structure can be: another is asked, once
                 (_, found, parts), last = last, None
                 self.return_to(found)
         seen = [h for r in reports for h in (r.best, *r.rivals)]
