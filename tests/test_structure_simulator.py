@@ -113,6 +113,7 @@ def test_motions_side_by_side_are_those_of_each_alone():
         Question(5.0, T),
         Question(0.1, T[::2], lambda t, x, v: -0.1 * v, {"alpha": 0.1}),
         Question(0.1, T, None, {"mass": -50.0}, "1:1"),
+        Question(0.1, T, None, {"modulus": -0.2}),
     ]
     found = simulator.together(asked)
     for i in (0, 1, 2, 5):
@@ -123,6 +124,7 @@ def test_motions_side_by_side_are_those_of_each_alone():
         3: "the motion leaves the range",
         4: "the release 5 is beyond",
         6: "not positive: hold",
+        7: "{'modulus': -0.2}: nothing brings the structure back",
     }
     for i, message in refused.items():
         assert isinstance(found[i], ValueError) and message in str(found[i])

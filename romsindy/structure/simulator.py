@@ -303,14 +303,13 @@ class StructureSimulator:
         for i, question in enumerate(questions):
             parts = {k: x for k, x in question.values.items() if k in self.parts}
             own = {k: x for k, x in question.values.items() if k not in parts}
-            there = self._with(parts) if parts else self
             try:
+                there = self._with(parts) if parts else self
                 asked.append((i, there, there._swing(question, **own)))
                 found.append(ValueError())
             except ValueError as error:
                 found.append(error)
-        states = side_by_side([swing for *_, swing in asked])
-        for (i, there, _), y in zip(asked, states, strict=True):
+        for (i, there, _), y in zip(asked, side_by_side([s for *_, s in asked]), strict=True):
             found[i] = y if isinstance(y, ValueError) else there._read(y)
         return found
 
@@ -326,8 +325,10 @@ class StructureSimulator:
         row = self.point if question.point is None else self._row(question.point)
         stiffer, units = modulus / density, self.units
         tables = self.ringing.at_point(row, mass / units.mass / density)
-        start = self._held(question.release / units.length, tables, question.force, modulus)
         omega2 = stiffer * np.append(self.curve.omega2, self.ringing.omega2)
+        if not np.all(omega2 > 0):
+            raise ValueError(f"{question.values}: nothing brings the structure back to its rest")
+        start = self._held(question.release / units.length, tables, question.force, modulus)
         found = self.damping._replace(**damping)
         rates = np.asarray(found.rates(np.sqrt(omega2)))
         given = (question.t, start, omega2, rates, found.alpha, stiffer, tables, question.force)
