@@ -124,7 +124,7 @@ def test_motions_side_by_side_are_those_of_each_alone():
         3: "the motion leaves the range",
         4: "the release 5 is beyond",
         6: "not positive: hold",
-        7: "{'modulus': -0.2}: nothing brings the structure back",
+        7: "{'modulus': -0.2}: no stiffness there; take values nearer",
     }
     for i, message in refused.items():
         assert isinstance(found[i], ValueError) and message in str(found[i])

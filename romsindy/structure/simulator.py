@@ -327,7 +327,7 @@ class StructureSimulator:
         tables = self.ringing.at_point(row, mass / units.mass / density)
         omega2 = stiffer * np.append(self.curve.omega2, self.ringing.omega2)
         if not np.all(omega2 > 0):
-            raise ValueError(f"{question.values}: nothing brings the structure back to its rest")
+            raise ValueError(f"{question.values}: no stiffness there; take values nearer to 1")
         start = self._held(question.release / units.length, tables, question.force, modulus)
         found = self.damping._replace(**damping)
         rates = np.asarray(found.rates(np.sqrt(omega2)))
