@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
 from scipy.optimize import root as root_of
 from solid_decks import decks, needs_ccx
 
@@ -157,17 +157,19 @@ def test_what_other_modes_move_counts_in_modes_that_ring():
     """Two coordinates q, r and a third that is c q^2 + b q r: its energy, in time by scipy.
 
     On a slender structure that shortens so, this takes back what the second mode is stiffened by.
+    The third is stiff: the force at the point does not move it.
     """
+    omega = np.array([*OMEGA[:2], 3000.0])
     c, b, alpha, k, m = 0.8, 3.0, 0.3, 20.0, 0.05
     phi, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))  # rows are modes
     q, tangents = np.linspace(-0.5, 0.5, 10), []
     for x in q:
         by = np.array([-2 * c * x, -b * x, 1.0])
-        inner = np.diag([*OMEGA[:2] ** 2, 0.0]) + OMEGA[2] ** 2 * np.outer(by, by)
+        inner = np.diag([*omega[:2] ** 2, 0.0]) + omega[2] ** 2 * np.outer(by, by)
         tangents.append(phi.T @ inner @ phi)
     moved = np.outer(q, phi[0]) + c * np.outer(q**2, phi[2])
-    cases = {1: (OMEGA[0] ** 2 * q, moved)}
-    given = phi, OMEGA, cases, [1, 2, 3], [1, 1, 1]
+    cases = {1: (omega[0] ** 2 * q, moved)}
+    given = phi, omega, cases, [1, 2, 3], [1, 1, 1]
     structure = rs.Structure.from_arrays(np.eye(3), *given, tangents={1: tangents})
     simulator = structure.simulator(SENSORS, rings=1, damping=Damping(alpha=alpha))
     t = T / 2
@@ -181,7 +183,7 @@ def test_what_other_modes_move_counts_in_modes_that_ring():
         return np.array([[1, 0], [0, 1], [2 * c * z[0] + b * z[1], b * z[0]]])
 
     def pull(z):
-        return OMEGA[:2] ** 2 * z + k * tangent(z).T @ point * (point @ there(z))
+        return omega[:2] ** 2 * z + k * tangent(z).T @ point * (point @ there(z))
 
     def left(z):
         return np.append(pull(z[:2]) - z[2] * tangent(z).T @ first, first @ there(z) - 0.1)
@@ -199,6 +201,33 @@ def test_what_other_modes_move_counts_in_modes_that_ring():
     done = solve_ivp(motion, (0, t[-1]), start, "DOP853", t, rtol=1e-10, atol=1e-12)
     expected = np.array([there(z) for z in done.y[:2].T]) @ phi[:, :2]
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
+
+
+@pytest.mark.parametrize("spring, mass, within", [(8.0, 0.0, 0.005), (0.0, 0.9, 0.015)])
+def test_a_point_gives_by_the_modes_that_do_not_ring(spring, mass, within):
+    """A string of 24 masses, of which three modes are kept: its lowest three modes by the matrices.
+
+    A sixth of what the point gives lies beyond those: without it both are off by 6 %. What is left
+    is the inertia of modes that do not ring.
+    """
+    n, at, seen = 24, 8, 15
+    stiffness = 400.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    square, axes = np.linalg.eigh(stiffness)
+    axes *= np.sign(axes[np.argmax(np.abs(axes), axis=0), np.arange(n)])
+    q = np.linspace(-0.5, 0.5, 10)
+    cases = {1: (square[0] * q, np.outer(q, axes[:, 0]))}
+    given = np.sqrt(square), cases, np.arange(1, n + 1), np.ones(n, int)
+    structure = rs.Structure.from_arrays(np.eye(n), axes.T, *given)
+    t = np.arange(0, 40 * np.pi / np.sqrt(square[0]), 0.02)
+    simulator = structure.simulator([(at + 1, 1), (seen + 1, 1)], rings=2)
+    x = simulator.simulate(0.1, t, lambda t, x, v: -spring * x, f"{at + 1}:1", mass=mass)
+    point = np.eye(1, n, at)[0]
+    whole = stiffness + spring * np.outer(point, point), np.eye(n) + mass * np.outer(point, point)
+    square, axes = eigh(*whole)
+    held = axes[:, :3].T @ whole[1] @ np.linalg.solve(whole[0], point)
+    expected = np.cos(np.outer(t, np.sqrt(square[:3]))) * held @ axes[[at, seen], :3].T
+    expected *= np.sum(x * expected) / np.sum(expected**2)  # all modes are in the release
+    assert np.abs(x - expected).max() < within * np.abs(expected).max()
 
 
 def test_a_linear_structure_rings_in_closed_form():
@@ -297,7 +326,7 @@ def test_nonlinear_motion_is_that_of_the_reduced_equation():
     # What follows shifts the middle of the sensor, not the period.
     periods = np.diff(up - x[up] / np.diff(x)[up]) * 0.002
     shape = structure.shapes[0][structure.freedom(1, 1)]
-    q = simulator._held(0.1, simulator._at_first, None, 1.0)[0, 0]
+    q = simulator._held(0.1, simulator.sensors[0], simulator._at_first, None, 1.0)[0, 0]
     assert abs(shape * q - 0.1) > 1e-4  # it does follow
     expected = 2 * np.pi / found.frequencies(np.array([abs(q)]))[0]
     assert periods.mean() == pytest.approx(expected, rel=1e-5)

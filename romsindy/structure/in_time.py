@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from romsindy.typing import Array
 _TURN = 1.0  # rad of the fastest mode in a step, at the most: what is beside it turns it little
 _MOST = 64  # motions at once: their tables fit into the cache
 _LATER = (0.0, 0.5, 0.5, 1.0)  # of a step: when its stages are
+_PULLS = 0.5  # of a force that its own give adds to it, at the most
 _MASSLESS = "the inertia of the motion is not positive: hold more shapes"
 _BEYOND = 1.02  # times the range: so far what lies outside is still foretold
 
@@ -75,6 +76,7 @@ class Swing(NamedTuple):
     force: Force | None  # at the point of the tables: N, of m and m/s
     length: float  # m, in a unit of displacements
     unit: float  # N, in a unit of what the tables have over their density
+    give: float = 0.0  # of the point, beside all modes that ring, under a unit of these forces
 
     @property
     def parts(self) -> int:
@@ -84,7 +86,7 @@ class Swing(NamedTuple):
 
 
 def side_by_side(swings: Sequence[Swing]) -> list[Array | ValueError]:
-    """States (n, 2, m) of each motion at its times, or why it has none.
+    """States of each motion at its times, or why it has none: (n, 2 m + 1), the force the last.
 
     A motion is the same, to rounding, whatever is beside it.
     """
@@ -112,23 +114,20 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
     h, together = float(t[1] - t[0]) / parts, _SideBySide(swings)
     states = together.states(t, parts, h)
     rows = zip(states, swings, together.troubles, strict=True)
-    return [
-        ValueError(trouble) if trouble else x[: len(s.t)].reshape(len(s.t), 2, -1)
-        for x, s, trouble in rows
-    ]
+    return [ValueError(trouble) if trouble else x[: len(s.t)] for x, s, trouble in rows]
 
 
 class _SideBySide:
     """Motions of equal steps, and what compiled loops ask of them."""
 
     def __init__(self, swings: Sequence[Swing]) -> None:
-        self.swings, self.push = swings, acting([s.force for s in swings])
+        self.swings, self.push = swings, cast(Any, acting([s.force for s in swings]))
 
         def of_each(name: str, of: Sequence[Any] = swings) -> Array:
             return np.array([getattr(s, name) for s in of])
 
         self.known = tuple(map(of_each, ("omega2", "rates", "alpha", "stiffer")))
-        self.length, self.unit = of_each("length"), of_each("unit")
+        self.length, self.unit, self.give = map(of_each, ("length", "unit", "give"))
         self.y = of_each("start").reshape(len(swings), -1)
         tables = [s.tables for s in swings]
         curves = [s.curve for s in tables]
@@ -145,27 +144,41 @@ class _SideBySide:
         self.inertia = np.empty((m, m)), np.zeros(count, bool)  # of one; those that have none
 
     def states(self, t: Array, parts: int, h: float) -> Array:
-        """Of all at times t (n,), in steps of h: (l, n, 2 m)."""
+        """Of all at times t (n,), in steps of h, and the forces there: (l, n, 2 m + 1)."""
         y, m = self.y.copy(), self.y.shape[1] // 2
         half = np.stack([_propagator(s.omega2, s.rates, h / 2) for s in self.swings])
         kept = half, y.copy(), np.empty_like(y), *np.empty((3, len(y), m))
-        states, ends = np.empty((len(y), len(t), 2 * m)), np.array([len(s.t) for s in self.swings])
+        states = np.zeros((len(y), len(t), 2 * m + 1))
+        ends = np.array([len(s.t) for s in self.swings])
         given = y, kept, self.known, self.given, self.here, self.pushes
         if self.push is None:
             kernel.run(states, ends, parts, h, _BEYOND, *given, self.gone, self.inertia)
             return states
-        *_, moved, speed = self.here
         for i, time in enumerate(t.tolist()):
             now = i, ends, y, kept[1], _BEYOND
             kernel.check(*now, self.given, self.here, self.gone, self.inertia)
-            states[:, i] = y
+            share, forces = self._left(time)
+            states[:, i, :-1], states[:, i, -1] = y, share * forces
             for j in range(4 * parts if i + 1 < len(t) else 0):
                 number = j % 4
-                later = time + (j // 4 + _LATER[number]) * h
-                force = self.push(later, self.length * moved, self.length * speed)
-                np.divide(force, self.unit, out=self.pushes)
+                forces = self._forces(time + (j // 4 + _LATER[number]) * h)
+                np.multiply(share, forces, out=self.pushes)
                 kernel.stage(number, h, *given, self.inertia)
         return states
+
+    def _forces(self, t: float, gone: Array | float = 0.0) -> Array:
+        """At points that gave so far beside what rings."""
+        *_, moved, speed = self.here
+        return np.asarray(
+            self.push(t, self.length * (moved + gone), self.length * speed) / self.unit
+        )
+
+    def _left(self, t: float) -> tuple[Array, Array]:
+        """What is left of forces where their points give, by their slopes; forces if none did."""
+        stiff = self._forces(t)
+        given = self._forces(t, self.give * stiff) if np.any(self.give) else stiff
+        slope = np.divide(given - stiff, stiff, out=np.zeros_like(stiff), where=stiff != 0)
+        return 1 / (1 - np.minimum(slope, _PULLS)), stiff
 
     @property
     def troubles(self) -> list[str]:

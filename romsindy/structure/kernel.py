@@ -204,10 +204,10 @@ def check(at, ends, y, z, reach, given, here, gone, inertia):  # type: ignore[no
 
 @compiled
 def run(states, ends, parts, h, reach, y, kept, known, given, here, pushes, gone, inertia):  # type: ignore[no-untyped-def]
-    """States (l, n, 2 m) of motions on which no force acts, ``parts`` steps of h apart."""
+    """States of motions on which no force acts, ``parts`` steps of h apart: (l, n, 2 m + 1)."""
     for i in range(states.shape[1]):
         check(i, ends, y, kept[1], reach, given, here, gone, inertia)
-        states[:, i] = y
+        states[:, i, :-1] = y
         for _ in range(parts if i + 1 < states.shape[1] else 0):
             for number in range(4):
                 stage(number, h, y, kept, known, given, here, pushes, inertia)

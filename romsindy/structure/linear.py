@@ -104,6 +104,15 @@ class LinearModel:
         row = number - 1
         return LinearMode(number, float(self.omega[row] ** 2), self.shapes[row], self.mass)
 
+    def gives(self, row: int, rows: Sequence[int], beside: Sequence[int]) -> Array:
+        """What a unit of force at a freedom moves others by at rest, beside some modes, by number.
+
+        Residual flexibility, of all other modes that are known.
+        """
+        others = np.setdiff1d(np.flatnonzero(self.omega), np.asarray(beside) - 1)
+        shapes = self.shapes[others]
+        return np.asarray((shapes[:, row] / self.omega[others] ** 2) @ shapes[:, rows])
+
     def freedom(self, node: int | str, direction: int) -> int:
         """Row of a node's displacement in a direction (1 to 3) among the free freedoms.
 

@@ -299,18 +299,19 @@ class StructureSimulator:
     def together(self, questions: Sequence[Question]) -> list[Array | ValueError]:
         """What `simulate` gives for each question, or raises: as many as can be at a time."""
         found: list[Array | ValueError] = []
-        asked: list[tuple[int, StructureSimulator, Swing]] = []
+        asked: list[tuple[int, StructureSimulator, Swing, Array]] = []
         for i, question in enumerate(questions):
             parts = {k: x for k, x in question.values.items() if k in self.parts}
             own = {k: x for k, x in question.values.items() if k not in parts}
             try:
                 there = self._with(parts) if parts else self
-                asked.append((i, there, there._swing(question, **own)))
+                asked.append((i, there, *there._swing(question, **own)))
                 found.append(ValueError())
             except ValueError as error:
                 found.append(error)
-        for (i, there, _), y in zip(asked, side_by_side([s for *_, s in asked]), strict=True):
-            found[i] = y if isinstance(y, ValueError) else there._read(y)
+        swings = [swing for _, _, swing, _ in asked]
+        for (i, there, _, beside), y in zip(asked, side_by_side(swings), strict=True):
+            found[i] = y if isinstance(y, ValueError) else there._read(y, beside)
         return found
 
     def _swing(
@@ -320,24 +321,35 @@ class StructureSimulator:
         modulus: float = 1.0,
         density: float = 1.0,
         **damping: float,
-    ) -> Swing:
-        """The motion that is asked, of the structure with its parts as they are."""
+    ) -> tuple[Swing, Array]:
+        """The motion that is asked, of the structure with its parts as they are.
+
+        And what its state moves sensors by, beside all that rings.
+        """
         row = self.point if question.point is None else self._row(question.point)
-        stiffer, units = modulus / density, self.units
-        tables = self.ringing.at_point(row, mass / units.mass / density)
-        omega2 = stiffer * np.append(self.curve.omega2, self.ringing.omega2)
+        stiffer, units, m = modulus / density, self.units, mass / self.units.mass / density
+        own, *others = self._gives(row, [row, *self.sensors])
+        tables = self.ringing.at_point(row, m, own)
+        known = np.append(self.curve.omega2, self.ringing.omega2)
+        omega2 = stiffer * known
         if not np.all(omega2 > 0):
             raise ValueError(f"{question.values}: no stiffness there; take values nearer to 1")
-        start = self._held(question.release / units.length, tables, question.force, modulus)
+        start = self._held(question.release / units.length, row, tables, question.force, modulus)
         found = self.damping._replace(**damping)
         rates = np.asarray(found.rates(np.sqrt(omega2)))
         given = (question.t, start, omega2, rates, found.alpha, stiffer, tables, question.force)
-        return Swing(*given, units.length, units.force * density)
+        pulls = m * known * np.append(self.curve.mode.shape[row], self.ringing.shapes[:, row])
+        beside = np.outer(others, [*pulls, *np.zeros(len(known)), 1 / stiffer])
+        return Swing(*given, units.length, units.force * density, own / stiffer), beside
 
-    def _read(self, y: Array) -> Array:
-        """Displacements of the sensors, m, from states (n, 2, m)."""
-        q, rows = y[:, 0, 0], list(self.sensors)
-        bent = np.einsum("ij,ijk->ik", y[:, 0, 1:], self.ringing.shapes_at(q, rows))
+    def _gives(self, row: int, rows: Sequence[int]) -> Array:
+        """What a unit of force at a freedom moves others by, beside all that rings."""
+        return self.structure.gives(row, rows, (self.curve.mode.number, *self.ringing.numbers))
+
+    def _read(self, y: Array, beside: Array) -> Array:
+        """Displacements of the sensors, m, from states and forces (n, 2 m + 1)."""
+        q, rows, m = y[:, 0], list(self.sensors), y.shape[1] // 2
+        bent = np.einsum("ij,ijk->ik", y[:, 1:m], self.ringing.shapes_at(q, rows)) + y @ beside.T
         return np.asarray(self.units.length * (self.curve.shapes_at(q, rows) + bent))
 
     @property
@@ -368,32 +380,37 @@ class StructureSimulator:
     @cached_property
     def _at_first(self) -> RungTables:
         """At the first sensor."""
-        return self.ringing.at_point(self.sensors[0], 0.0)
+        return self.ringing.at_point(self.sensors[0], 0.0, 0.0)
 
-    def _held(self, release: float, point: RungTables, force: Force | None, over: float) -> Array:
+    def _held(
+        self, release: float, row: int, point: RungTables, force: Force | None, over: float
+    ) -> Array:
         """Coordinates and rates, (2, 1 + m), where the first sensor is displaced by so much.
 
         What was added at the point bends the structure as well, as far as it does so at rest; it is
         ``over`` times as stiff as its tables say.
         """
 
+        gives = self._gives(row, [self.sensors[0], row])
+
         def rung(q: float) -> tuple[float, Array]:
             """The displacement of the first sensor, and the coordinates of other modes."""
             here, there, k = self._at_first.at(q), point.at(q), point.k
             both = np.stack([here.point, there.point])
             slopes, psi, turned = both[:, 0], both[:, 2 : 2 + k], both[:, 2 + k : 2 + 2 * k]
-            pushed, bent = np.linalg.solve(here.stiffness, psi.T).T  # by a unit of force
-            r, push = np.zeros(k), 0.0
+            bent = np.linalg.solve(here.stiffness, psi.T)  # by units of force
+            pulls, moved = np.zeros(2), np.array([here.moved, there.moved])
             for _ in range(_SETTLES):
+                r = bent @ pulls
+                x, along = moved + psi @ r + gives * pulls[1], slopes + turned @ r
                 if force is not None:
-                    x = float(there.moved + psi[1] @ r)
-                    push = force(0.0, self.units.length * x, 0.0) / self.units.force / over
-                size, along = 0.0, slopes + turned @ r
+                    found = force(0.0, self.units.length * float(x[1]), 0.0)
+                    pulls[1] = found / self.units.force / over
                 if self.held_by == "force":
-                    needed = here.force + r @ here.stiffness_q @ r / 2 - along[1] * push
-                    size = float(needed / along[0])
-                r = size * pushed + push * bent
-            return float(here.moved + psi[0] @ r), r
+                    needed = here.force + r @ here.stiffness_q @ r / 2 - along[1] * pulls[1]
+                    pulls[0] = needed / along[0]
+            r = bent @ pulls
+            return float(moved[0] + psi[0] @ r + gives[0] * pulls[1]), r
 
         def off(q: float) -> float:
             return rung(q)[0] - release

@@ -13,6 +13,7 @@ from scipy.io import loadmat
 from scipy.sparse import coo_array, csc_array, issparse
 
 from romsindy.physics.validation import require_positive
+from romsindy.record.files.columns import library
 from romsindy.structure.calculix import CalculiX, Released, Told
 from romsindy.structure.cases import CaseStore, DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
@@ -349,12 +350,11 @@ class Structure(LinearModel):
                 self, kept, deck, lambda n: deck.static_curve(n, reach, tolerance).curve
             )
 
-        def in_si(at: Mapping[str, float]) -> Member:
-            return member({name: value / parts[name].unit for name, value in at.items()})
-
         parts = {name: self._between(name, kept, si, member) for name in values}
-        given = stated, ringing, held_by, si, parts, in_si
-        return StructureSimulator(self, rows, acts, point is None, *given)
+        given = self, rows, acts, point is None, stated, ringing, held_by, si, parts
+        return StructureSimulator(
+            *given, lambda at: member({name: x / parts[name].unit for name, x in at.items()})
+        )
 
     def _rung(self, mode: int, rows: list[int], most: int, held_by: str) -> list[int]:
         """Numbers of the modes that ring: the lowest that sensors see, and what a release rings."""
@@ -519,20 +519,10 @@ def _content(path: Path) -> dict[str, Any]:
     if path.suffix.lower() == ".mat":
         return dict(loadmat(path, squeeze_me=False))
     if path.suffix.lower() in (".h5", ".hdf5"):
-        return _hdf5(path)
+        with library("h5py", path).File(path) as file:
+            return {name: np.asarray(values) for name, values in file.items()}
     with np.load(path) as file:
         return dict(file)
-
-
-def _hdf5(path: Path) -> dict[str, Any]:
-    try:
-        import h5py
-    except ImportError as error:
-        raise ValueError(
-            f'{path}: HDF5 is read by h5py: pip install "romsindy[formats]", or write NPZ'
-        ) from error
-    with h5py.File(path) as file:
-        return {name: np.asarray(values) for name, values in file.items()}
 
 
 def _flat(values: Any) -> Any:
