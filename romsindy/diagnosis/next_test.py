@@ -267,7 +267,9 @@ class Extrapolation:
         """
         n = len(self.information)
         # What is known beforehand is in the data so far.
-        parts = tuple(_without_priors(p) for p in self.parts)
+        free = [tuple(replace(x, spread=None) for x in p.parameters) for p in self.parts]
+        pairs = zip(self.parts, free, strict=True)
+        parts = tuple(replace(p, tolerance=None, parameters=x) for p, x in pairs)
         try:
             with np.errstate(all="ignore"):
                 windows = Windows.of(self.model, parts, 0, record, record.motion)
@@ -310,11 +312,6 @@ def _louder(noise: Noise, by: float) -> Noise:
 
     slow = None if noise.drift is None else power(noise.drift)
     return replace(noise, std=by * noise.std, spectrum=power(noise.spectrum), drift=slow)
-
-
-def _without_priors(part: Part) -> Part:
-    known = tuple(replace(p, spread=None) for p in part.parameters)
-    return replace(part, tolerance=None, parameters=known)
 
 
 def _without_unmoved(

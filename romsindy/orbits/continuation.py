@@ -305,8 +305,8 @@ def _walk(
     step = steps.first
     while len(points) < steps.max_points:
         here = points[-1]
-        end = system.end(here.z) or _leaving(here, p_range)
-        if end:
+        limit = p_range[1] if here.tangent[-1] > 0 else p_range[0]
+        if end := system.end(here.z) or (here.z[-1] == limit and f"p reached {limit:.6g}"):
             return end
         try:
             there = _accepted(system, here, step, steps)
@@ -326,11 +326,6 @@ def _walk(
         points += [*passed, there]
         step = next_step(step, _angle(here, there), there.iterations, steps)
     return f"max_points = {steps.max_points} reached"
-
-
-def _leaving(here: _OnBranch, p_range: tuple[float, float]) -> str:
-    limit = p_range[1] if here.tangent[-1] > 0 else p_range[0]
-    return f"p reached {limit:.6g}" if here.z[-1] == limit else ""
 
 
 def _accepted(system: _System, here: _OnBranch, step: float, steps: Steps) -> _OnBranch:

@@ -127,7 +127,12 @@ class ForcedVibration(Measurement):
             raise ValueError(f"y is constant ({y[0]:.6g}): nothing vibrates in this record")
         held, notes = held_on_uniform_times(t, {"y": y, "u": u})
         for name, x in zip(names, held["u"].T, strict=True):
-            _refuse_silent(name, x)
+            if not np.ptp(x) > 0:
+                what = "zero" if x[0] == 0 else f"constant ({x[0]:.6g})"
+                raise ValueError(
+                    f"the input {name!r} is {what}: it drives no vibration; choose the column that"
+                    " was measured, or take the record for a free decay"
+                )
             clipped = _clipped_note(name, x)
             if clipped:
                 warnings.warn(clipped, stacklevel=3)
@@ -200,15 +205,6 @@ def _checked(name: str, x: ArrayLike, t: Array) -> Array:
         if np.ndim(x) and n != len(t):
             raise ValueError(f"{name} has {n} samples, and t {len(t)}: {ONE_CLOCK}") from error
         raise
-
-
-def _refuse_silent(name: str, u: Array) -> None:
-    if not np.ptp(u) > 0:
-        what = "zero" if u[0] == 0 else f"constant ({u[0]:.6g})"
-        raise ValueError(
-            f"the input {name!r} is {what}: it drives no vibration; choose the column that was"
-            " measured, or take the record for a free decay"
-        )
 
 
 def _clipped_note(name: str, u: Array) -> str:

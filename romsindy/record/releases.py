@@ -94,12 +94,6 @@ def _stays(log: Array, rate: float) -> bool:
     return bool(scatter > _STEADY and fall < _UP_AND_DOWN * error and fall < _SLOWER * falling)
 
 
-def rest_of(x: Array) -> float:
-    """About where a vibration comes to rest: the mean of its later half, tapered."""
-    later = x[len(x) // 2 :]
-    return float(np.average(later, weights=np.hanning(len(later) + 2)[1:-1]))
-
-
 def first_swing(swing: Array, period: float, noise: float, derivative: int, least: float) -> int:
     """First turning point that comes near the largest: holds and blows are before it.
 
@@ -410,7 +404,8 @@ def _decays(
     # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
     if len(x) - stop <= period:
         stop, why_end = len(x), _ENDS[stretch.after].format(t[-1])
-    rest = rest_of(x[:stop])
+    later = x[stop // 2 : stop]  # its tapered mean is about where it comes to rest
+    rest = float(np.average(later, weights=np.hanning(len(later) + 2)[1:-1]))
     swing = x[:stop] - rest
     derivative = QUANTITIES.index(recording.quantity)
     worth = _WORTH if derivative else 0.75 * _WORTH

@@ -163,7 +163,8 @@ def _from_quieter(
     for part in LOUD:
         quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
         strongest = ringing_in(quieter)[:count]
-        if len(strongest) < count or not _beat(strongest):
+        rates = np.sort([v.small_frequency for v in strongest])
+        if len(strongest) < count or np.all(rates[1:] >= NEAR * rates[:-1]):
             continue
         progress.say(f"from {100 * part:.0f} per cent of the decays on")
         silent = progress._replace(keep=lambda _: None)
@@ -171,12 +172,6 @@ def _from_quieter(
         if quiet and quiet.explained:
             return followed_back(quiet, decays, progress)
     return None
-
-
-def _beat(several: Sequence[Vibration]) -> bool:
-    """Whether two are so near in frequency that one may be taken for the other."""
-    found = np.sort([v.small_frequency for v in several])
-    return bool(np.any(found[1:] < NEAR * found[:-1]))
 
 
 def _with_tones_of(

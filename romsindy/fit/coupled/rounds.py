@@ -466,14 +466,12 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     base, own = free_parts(start.model, start.free, records)
     solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
     laws = replace(start.model, values=base.values)
-    if solution is None or not _has_masses(model := extended(laws, solution.parts)):
+    if solution is None:
+        return None
+    model = extended(laws, solution.parts)
+    masses = np.linalg.eigvalsh(model.inertia(np.zeros(model.n_coordinates)))
+    if not masses[0] > _LIGHTEST * masses[-1]:  # or an equation vanishes
         return None
     stage = replace(start, model=model, shapes=solution.parts[len(own) :])
     followed = moved(records, solution.motions)
     return FittedPieces(stage, base, followed, cycles, solution)
-
-
-def _has_masses(model: CoupledModel) -> bool:
-    """Whether the inertia at rest is positive, as that of all masses, and no equation vanishes."""
-    masses = np.linalg.eigvalsh(model.inertia(np.zeros(model.n_coordinates)))
-    return bool(masses[0] > _LIGHTEST * masses[-1])

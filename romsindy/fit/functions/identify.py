@@ -117,7 +117,9 @@ def _sensor(found: Identification, fitted: Fitted) -> Iterator[str]:
     expected = fitted.series.sensor.curvature
     usual = f"{percent(expected)} is expected of a sensor"
     if found.structure.sizes.inertia:
-        short = float(np.mean([_curvature_for(found, end) for end in found.reach]))
+        q = np.linspace(0.0, 1.0, _PLACES)
+        ends = [curvature_for(abs(x) * q, found.inertia(x * q).value) for x in found.reach]
+        short = float(np.mean(ends))
         nothing = short < SIGMAS * expected
         yield (
             "one sensor cannot tell inertia from a characteristic that bends as q^3: one that shows"
@@ -132,11 +134,6 @@ def _sensor(found: Identification, fitted: Fitted) -> Iterator[str]:
             f"the sensor seems to be curved by {100 * e:.2g} +- {100 * error:.1g} % of the largest"
             f" amplitude (a square, fitted beside the equation; {held})"
         )
-
-
-def _curvature_for(found: Identification, end: float) -> float:
-    q = np.linspace(0.0, abs(end), _PLACES)
-    return curvature_for(q, found.inertia(np.sign(end) * q).value)
 
 
 def _straight(found: Identification, q: Array) -> str:

@@ -570,12 +570,8 @@ def massless(found: Estimate) -> float:
 def possible(found: Estimate, laws: Sequence[Term]) -> list[Term]:
     """Laws of an equation without those of a sign that they cannot have, unless surely so."""
     values, errors = found.model.coefficients, found.standard_errors
-
-    def may_be(law: Term) -> bool:
-        value, error = values[law.key], errors.get(law.key, 0.0)
-        return value > law.least or not value > law.least - REFUSED * error
-
-    return [law for law in laws if may_be(law)]
+    over = [(law, values[law.key] - law.least, errors.get(law.key, 0.0)) for law in laws]
+    return [law for law, value, error in over if value > 0 or not value > -REFUSED * error]
 
 
 def supplying(found: Estimate) -> list[str]:

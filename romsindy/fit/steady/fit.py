@@ -36,6 +36,7 @@ from romsindy.fit.results.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
+from romsindy.orbits.curves import checked_force
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
@@ -125,12 +126,7 @@ class SteadyFit(Estimate):
         the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
         ``force`` is in the unit of the excitation that was fitted.
         """
-        if np.ndim(force) or not 0 < force < np.inf:
-            raise ValueError(
-                f"force = {force!r} must be a finite positive number: the amplitude of the"
-                " excitation"
-            )
-        excitation = float(force)
+        excitation = float(checked_force(force, 1)[0])
         size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
         slopes = np.zeros((len(self.free) + 1, len(self.joint)))
         slopes[:-1, : len(self.free)] = np.eye(len(self.free))
