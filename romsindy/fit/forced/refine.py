@@ -178,8 +178,8 @@ def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:
         [e for r, x in zip(fit.records, fit.residuals, strict=True) for e in r.by_channel(x)]
         for fit in fits
     ]
-    rivals = rated(dict(zip(names, left, strict=True)))
-    rivals, best = _examined(dict(zip(names, fits, strict=True)), rivals)
+    misses = dict(zip(names, left, strict=True))
+    rivals, best = _examined(dict(zip(names, fits, strict=True)), misses)
     weights = np.array([rivals.weights.get(name, 0.0) for name in names])
 
     def spread(values: Sequence[Array]) -> Array:
@@ -202,16 +202,22 @@ def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:
     )
 
 
-def _examined(fits: Mapping[Interpolation, Fit], rivals: Rivals) -> tuple[Rivals, Fit]:
+def _examined(
+    fits: Mapping[Interpolation, Fit], left: Mapping[Interpolation, Sequence[Array]]
+) -> tuple[Rivals, Fit]:
     """The likeliest way that leaves noise, with its verdict; the likeliest of all where none does.
 
     A way that smooths the noise of the sensor of an input leaves less of it without being right.
+    And what goes with the motion may stand for what the input does between its samples.
     """
+    rivals, seen = rated(left), {}
     for way in rivals.tried:
-        fit = examined(fits[way])
+        fit = seen[way] = examined(fits[way])
         if not (isinstance(fit.verdict, ForcedAdequacy) and fit.verdict.structured):
-            return (rivals if way == rivals.best else rivals.only(way)), fit
-    return rivals, examined(fits[rivals.best])
+            sure = replace(rivals, best=way, weights={way: 1.0})
+            return (rivals if way == rivals.best else sure), fit
+    best = seen[rivals.best]
+    return rated(left, best.verdict.structure), best
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ A fit starts from the motion; what an input does between its samples the record 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,10 +147,6 @@ class Rivals:
     weights: dict[Interpolation, float]
     tried: tuple[Interpolation, ...]
 
-    def only(self, way: Interpolation) -> Rivals:
-        """Where something else has decided for one of them."""
-        return replace(self, best=way, weights={way: 1.0})
-
     def __str__(self) -> str:
         if len(self.weights) > 1:
             names = listed([_SAID[way] for way in self.weights], "or")
@@ -163,12 +159,12 @@ class Rivals:
         return f"between its samples the input is {_SAID[self.best]}, not {told}"
 
 
-def rated(residuals: Mapping[Interpolation, Sequence[Array]]) -> Rivals:
-    """Hypotheses by what they leave of the records."""
+def rated(residuals: Mapping[Interpolation, Sequence[Array]], form: float = 1.0) -> Rivals:
+    """Hypotheses by what they leave: the ``form`` of the model makes it so many times larger."""
     deviances = {way: deviance(left) for way, left in residuals.items()}
     least = min(deviances.values())
     n = sum(len(e) for left in residuals.values() for e in left) / len(residuals)
-    apart = max(EQUIVALENT, FORM * n)
+    apart = max(EQUIVALENT, FORM * n, float(np.log(form)) * n)
     # Where the form of the model counts, likelihoods say less than they seem to.
     rate = EQUIVALENT / apart / 2
     alike = {w: np.exp(rate * (least - d)) for w, d in deviances.items() if d - least < apart}
