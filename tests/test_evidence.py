@@ -264,17 +264,21 @@ def test_an_effect_comes_before_values_that_are_beyond_their_tolerance_or_refute
     damping = {"names": ("mass_damping",), "lacking": False, "score": 20.0, "within": True}
     drag = explanation(within=True)
 
-    def first(**values):
+    def first(effect=drag, **values):
         as_it_was = SimpleNamespace(differences_before=[change(True)])
         nothing, linear = (explanation((), misfit=x).hypothesis for x in (100.0, 0.0))
         rule = Rule(as_it_was, nothing, linear, BEYOND, NO_FORM_ERROR, False)
-        answer = rule.answer([explanation(**damping | values)], drag)
+        answer = rule.answer([explanation(**damping | values)], effect)
         return answer.verdict, answer.explanation.hypothesis.names
 
     assert first() == ("ambiguous", ("mass_damping",))
     assert first(beyond=("mass_damping",)) == ("ambiguous", ("drag",))
     assert first(beyond=("mass_damping",), score=5.0) == ("ambiguous", ("mass_damping",))
     assert first(elsewhere=20.0) == ("named", ("drag",))
+    # Though the effect leaves more than noise, values that are refuted are no answer.
+    poor = explanation(explained=False, after=5.0, needs=LEAVES)
+    assert first(poor) == ("named", ("mass_damping",))
+    assert first(poor, elsewhere=20.0) == ("unknown", ("drag",))
 
 
 def test_what_a_hypothesis_leaves():

@@ -335,6 +335,63 @@ def test_the_coordinate_says_nothing_else_once_all_sensors_decided(decided):
     assert not SimulatorRounds._no_nearer(rounds, nearer, spring, True)
 
 
+@pytest.mark.parametrize("decided", [True, False])
+def test_what_all_sensors_fitted_stays_where_it_moves_to_another_place(decided):
+    """The coordinate's own look may be far off along what values do together."""
+    spring = SimpleNamespace(names=("linear_frequency",), parts=("looked at",))
+    found = SimpleNamespace(
+        report=SimpleNamespace(best=spring, verdict="named"), trouble="", parts=("fitted",)
+    )
+    rounds = SimpleNamespace(
+        structure=SimpleNamespace(points={"here": np.zeros(3)}),
+        decided=decided,
+        near=lambda *given: [spring],
+        likeliest=lambda asked, heard: spring,
+        next_parts=lambda parts, looked: looked,
+        from_measured=lambda parts: [],
+        run=lambda effects, before, parts: parts,
+        _brought_nearer=lambda parts: parts,
+    )
+
+    def heard(asked, found):
+        rounds.structure = "elsewhere"
+
+    rounds._heard = heard
+    now = SimulatorRounds._once_heard(rounds, found)
+    assert now == (("fitted",) if decided else ("looked at",))
+
+
+def _listening(monkeypatch, asked, *stated):
+    """Rounds to which nothing is promising; with which values these are asked is kept."""
+    rounds = SimpleNamespace(
+        structure="deck", records=[SimpleNamespace(count=1000)], n_training=1, general=[]
+    )
+    read = SimpleNamespace(t=np.arange(1000), first=0, measured=np.ones((1000, 2)))
+    rounds._read, rounds.simulate, rounds.unsure = lambda i: read, lambda *given: [], stated
+    rounds._left_by = lambda *given: np.ones(2)
+    rounds._fit, rounds.measured = None, [read]
+    monkeypatch.setattr(simulator_rounds, "scales", lambda records: Scales(1.0, 1.0, 1.0))
+    nothing_more = SimpleNamespace(promising=lambda general: [])
+
+    def of(fit, values, begins):
+        asked.extend(values)
+        return nothing_more
+
+    monkeypatch.setattr(simulator_rounds.CandidateSearch, "of", of)
+    return rounds
+
+
+def test_values_may_be_off_within_tolerances_beside_whatever_is_compared(monkeypatch):
+    """Though none of them was told: a spring that stood for them all was 26 % too strong."""
+    stated = ValueEffect("E", 2.0, Combination("E", (Stiffness(1),), (1.0,)), 0.06)
+    rounds = _listening(monkeypatch, asked := [], Viscous(), stated)
+    found = SimpleNamespace(
+        report=SimpleNamespace(best=SimpleNamespace(effects=())), parts=(), corrected=[]
+    )
+    assert SimulatorRounds._compared(rounds, found, False) is found
+    assert [(p.effect, p.values.tolist(), p.tolerance) for p in asked] == [(stated, [0.0], 0.06)]
+
+
 @pytest.mark.parametrize("there", [True, False])
 def test_what_stands_in_a_simulator_for_what_it_cannot_have_is_told(there, monkeypatch):
     """A joint that does not slip is a spring: all sensors heard the spring, and nothing better."""
@@ -347,16 +404,8 @@ def test_what_stands_in_a_simulator_for_what_it_cannot_have_is_told(there, monke
         return SimpleNamespace(report=report, parts=(spring,), corrected=[begun])
 
     found, again = named(SimpleNamespace(effect=MicroSlip())), named(spring)
-    rounds = SimpleNamespace(
-        structure="deck", records=[SimpleNamespace(count=1000)], n_training=1, general=[]
-    )
-    read = SimpleNamespace(t=np.arange(1000), first=0, measured=np.ones((1000, 2)))
-    rounds._read, rounds.simulate = lambda i: read, lambda *given: []
-    rounds._left_by = lambda *given: np.ones(2)
-    rounds._fit, rounds.measured, rounds.run = None, [read], lambda *given: again
-    monkeypatch.setattr(simulator_rounds, "scales", lambda records: None)
-    nothing_more = SimpleNamespace(promising=lambda general: [])
-    monkeypatch.setattr(simulator_rounds.CandidateSearch, "of", lambda *given: nothing_more)
+    rounds = _listening(monkeypatch, [])
+    rounds.run = lambda *given: again
     told = SimulatorRounds._compared(rounds, found, there)
     assert told is (found if there else again)
 

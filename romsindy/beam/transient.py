@@ -302,7 +302,12 @@ class _Shooting:
         motion = simulate(self.assembly, rest, shape, *times, modes=self.basis, progress=False)
         if motion.stop_reason != "completed":  # `simulate` keeps what it has, and hands it back
             raise KeyboardInterrupt
-        _refuse_loss(motion)
+        lost = motion.energy.dissipated[-1] / np.ptp(motion.energy.kinetic)
+        if lost > 1e-8:
+            raise ValueError(
+                f"effects of the beam dissipate {lost:.1e} of the energy in half a period, so it"
+                " has no periodic orbits; ask a beam without them"
+            )
         q, q_dot, q_ddot = motion.coordinates
         mode, *others = self.modes
         velocity = CubicHermiteSpline(motion.t, q_dot, q_ddot)
@@ -316,15 +321,6 @@ class _Shooting:
         pattern = momenta[0] + np.tensordot(ratios, momenta[1:], axes=1)
         reading = self.assembly.point_load((0.0, 1.0))
         return hold(self.assembly, self.basis.equilibrium, pattern, reading, tip)
-
-
-def _refuse_loss(motion: Motion) -> None:
-    lost = motion.energy.dissipated[-1] / np.ptp(motion.energy.kinetic)
-    if lost > 1e-8:
-        raise ValueError(
-            f"effects of the beam dissipate {lost:.1e} of the energy in half a period, so it has "
-            "no periodic orbits; ask a beam without them"
-        )
 
 
 def _turning_time(

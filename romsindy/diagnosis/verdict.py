@@ -199,7 +199,8 @@ class Rule:
         """Whether other modes say that an effect is there, and no values in its place."""
         if effect is None or plain.hypothesis.misfit_elsewhere <= EQUIVALENT:
             return False
-        return self._likelier(effect, plain, EQUIVALENT)
+        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.noise)
+        return effect.lacking and a.score < b.score - EQUIVALENT
 
     def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
         """Whether an effect explains, and is likelier than what needs none."""

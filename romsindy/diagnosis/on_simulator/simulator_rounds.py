@@ -289,7 +289,8 @@ class SimulatorRounds(Rounds):
             return self._brought_nearer(found)
         best = self.likeliest(asked, self._heard(asked, found))
         if best.names != report.best.names or self.structure is not before:
-            parts = self.next_parts(found.parts, best.parts)
+            stays = self.decided and best.names == report.best.names  # elsewhere
+            parts = found.parts if stays else self.next_parts(found.parts, best.parts)
             return self._brought_nearer(self.run((), self.from_measured(parts), parts))
         look = self._look((), found.corrected, len(report.best.effects))
         if look.best.names == best.names:
@@ -348,9 +349,10 @@ class SimulatorRounds(Rounds):
 
     def _compared(self, found: Outcome, there: bool) -> Outcome:
         """What leaves less of all sensors, or is in the place of what is told but not ``there``."""
-        values = tuple(p for p in found.parts if p.tolerance is not None)
-        told = frozenset(p.effect.name for p in found.parts if p.tolerance is None)
         first, known = self.structure, scales(self.records)
+        stated = (Part.of(e, known, 1) for e in self.unsure if e.tolerance is not None)
+        values = tuple(p for p in found.parts or stated if p.tolerance is not None)
+        told = frozenset(p.effect.name for p in found.parts if p.tolerance is None)
         read, begins = [self._read(i) for i in range(self.n_training)], _begins(found)
         left = {told: self._left_by(read, found.parts, begins)}
         promising = CandidateSearch.of(self._fit, values, begins).promising(self.general)
