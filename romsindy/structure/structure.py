@@ -35,7 +35,7 @@ from romsindy.typing import Array
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
-_RING, _LOWEST = 5, 2  # modes that ring beside the one that is kept, and the lowest of them
+_RING, _LOWEST = 6, 3  # modes that ring beside the one that is kept, and the lowest of them
 _RUNG = 0.003  # of the mode that is kept, at a sensor: what a release rings less is noise
 _HELD_AT, _TRIED = 1e-3, 20  # so near to a release, part of it, a load is looked for, and cases
 _SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
@@ -314,7 +314,7 @@ class Structure(LinearModel):
             Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
             values of the simulator, as are "modulus" and "density" over those of the model.
         rings : int
-            Number of further modes that ring beside it, at most: the two lowest that move a sensor,
+            Number of further modes that ring beside it, at most: the three lowest that move a sensor,
             and those that a force at the first sensor bends most.
         held_by : str
             What holds the structure until it is let go: a "force" at the first sensor, or the modal

@@ -212,6 +212,7 @@ def _distance(places: Array, others: Array) -> Array:
 
 _LITTLE = 1e-3  # of the restoring force: half as much in frequency, which does not matter
 _FEW = 3  # of what may be missing: as many are fitted to all sensors
+_TRIED = 6  # points at which each of these is fitted to the first cycles
 _NEARER = 16  # points about the likeliest place of something, at a time
 
 
@@ -236,10 +237,19 @@ class LinearLook:
         basis = orthonormal(known)
         return cls(left - basis @ (basis.T @ left), basis)
 
+    @property
+    def misfit(self) -> float:
+        """Chi-square that is left."""
+        return float(self.left @ self.left)
+
+    def beside(self, change: Array) -> Array:
+        """A change of readings without what it may follow: (m,), with that of priors, none."""
+        change = np.append(change, np.zeros(len(self.left) - len(change)))
+        return np.asarray(change - self.basis @ (self.basis.T @ change))
+
     def with_strength(self, candidate: Candidate, change: Array) -> Candidate:
         """The same with its likeliest strength: as it is it does a ``change`` of readings."""
-        change = np.append(change, np.zeros(len(self.left) - len(change)))  # and of no prior
-        change = change - self.basis @ (self.basis.T @ change)
+        change = self.beside(change)
         size = float(change @ change)
         times = float(change @ self.left) / size if size else 0.0
         part = candidate.part
@@ -331,45 +341,80 @@ class CandidateSearch:
     def promising(self, effects: Iterable[Effect]) -> list[Candidate]:
         """The few of some effects and values that tell most, the likeliest first.
 
-        Each is looked for among points that are far from each other, then about the likeliest.
+        Each is looked for among points that are far from each other. The few are fitted to the
+        first cycles, and settle where that leaves least: much of something does more than as many
+        times what a little of it does.
         """
         here, known = self.fit.here, scales(self.fit.records)
         points = Points(here.points, here.at_point)
-        names, reach = points.apart() if here.points else ([], 0.0)
-        far = here.at(names) if names else [here]
+        far = here.at(points.apart()[0]) if here.points else [here]
         little = little_of(effects, here, known, len(self.fit.records))
         asked = [Candidate(p, t) for p in little for t in (far if here.acts([p]) else [here])]
-        found = self._told_by(asked)
-        for c in best_of_each(found)[:_FEW] if here.points else ():
-            if here.acts([c.part]):
-                found += self._nearer(c, points, reach)
-        best = best_of_each([c for c in found if matters(c.part, known)])
-        left = self.look.left
-        least = float(left @ left) - max((c.gain for c in best), default=0.0)
-        noise = max(least / len(left), 1.0)
-        return [c for c in best[:_FEW] if tells(c.gain, least, noise) > EQUIVALENT]
+        found = [c for c in self._told_by(asked) if matters(c.part, known)]
+        few = [c.part.effect.name for c in best_of_each(found)[:_FEW]]
+        several = [[c for c in found if c.part.effect.name == name] for name in few]
+        best = best_of_each([self._settled(own, points) for own in several])
+        least = self.look.misfit - max((c.gain for c in best), default=0.0)
+        noise = max(least / len(self.look.left), 1.0)
+        return [c for c in best if tells(c.gain, least, noise) > EQUIVALENT]
 
-    def _nearer(self, best: Candidate, points: Points, reach: float) -> list[Candidate]:
-        """The same at points about its likeliest place, from ``reach`` on ever nearer to it."""
-        found, asked = [best], {best.there.at_point}
-        while True:
-            near, reach = points.spread({best.there.at_point}, reach, _NEARER)
-            new = [point for point in near if point not in asked]
-            if not new:
-                return found
-            asked.update(new)
-            found += self._told_by([best._replace(there=t) for t in self.fit.here.at(new)])
-            best = max(found, key=lambda c: c.gain)
+    def _settled(self, several: Sequence[Candidate], points: Points) -> Candidate:
+        """One of the same fitted to the first cycles, where least is left, from afar to near.
+
+        Where it was fitted it tells what the same does elsewhere.
+        """
+        best, *others = sorted(several, key=lambda c: -c.gain)[:_TRIED]
+        fitted = [own for c in (best, *others) if (own := self._beside(c)) is not None]
+        if not fitted:
+            return best
+        own = min(fitted, key=lambda search: search.look.misfit)
+        near, reach = points.apart() if self.fit.here.acts([best.part]) else ([], 0.0)
+        asked = {own.fit.here.at_point}
+        while near:
+            there = own._likeliest(near)
+            other = own if there is own.fit.here else self._beside(best._replace(there=there))
+            if other is not None and other.look.misfit < own.look.misfit:
+                own = other
+                continue
+            asked.update(near)
+            near, reach = points.spread({own.fit.here.at_point}, reach, _NEARER)
+            near = [] if asked.issuperset(near) else near
+        gain = self.look.misfit - own.look.misfit
+        return Candidate(own.fitted.parts[-1], own.fit.here, gain)
+
+    def _beside(self, candidate: Candidate) -> CandidateSearch | None:
+        """The same with what may be missing fitted beside it; None where that does not move."""
+        fit, parts = replace(self.fit, here=candidate.there), self.fitted.parts
+        try:
+            return CandidateSearch.of(fit, (*parts, candidate.part), self.fitted.releases)
+        except fit.here.failures:
+            return None
+
+    def _likeliest(self, points: Sequence[str]) -> OnSimulator:
+        """Where its parts would leave least: at one of some points, or where they are."""
+        here = self.fit.here
+        others = [here, *here.at([name for name in points if name != here.at_point])]
+        look, changes = self.look, self._changes([(t, self.fitted.parts) for t in others])
+        left = [np.inf if x is None else sum((look.left - look.beside(x)) ** 2) for x in changes]
+        return others[int(np.argmin(left))]
 
     def _told_by(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with their likeliest strengths, those that move at all."""
-        parts, now, begins = self.fitted.parts, self.fitted.now, self.fitted.releases
-        asked = [(c.there, (*parts, c.part), begins) for c in candidates]
-        found = []
-        for c, moved in zip(candidates, self.fit.moved(asked, self.fit.first), strict=True):
+        changes = self._changes([(c.there, (*self.fitted.parts, c.part)) for c in candidates])
+        rows = zip(candidates, changes, strict=True)
+        return [self.look.with_strength(c, x) for c, x in rows if x is not None]
+
+    def _changes(self, asked: Sequence[tuple[OnSimulator, tuple[Part, ...]]]) -> list[Array | None]:
+        """What some parts change of the first cycles over the noise; None where these do not move.
+
+        Then they are too strong, at a point that moves least.
+        """
+        now, begins = self.fitted.now, self.fitted.releases
+        several = self.fit.moved([(*pair, begins) for pair in asked], self.fit.first)
+        found: list[Array | None] = []
+        for moved in several:
             own = [m for m in moved if not isinstance(m, Failure)]
-            if len(own) == len(now):  # else it is too strong, where it moves least
-                pairs = zip(own, now, strict=True)
-                changes = [x.measured.cosines(m.readings - x.readings) for m, x in pairs]
-                found.append(self.look.with_strength(c, np.concatenate(changes)))
+            pairs = zip(own, now, strict=False)
+            changes = [x.measured.cosines(m.readings - x.readings) for m, x in pairs]
+            found.append(np.concatenate(changes) if len(own) == len(now) else None)
         return found

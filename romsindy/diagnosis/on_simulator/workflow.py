@@ -22,6 +22,7 @@ from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Coefficient, Part
 from romsindy.fit.records.record import Record, scales
+from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
 from romsindy.record.backbone import extract_backbone
@@ -44,6 +45,9 @@ _LOUDER = 3.0  # times the noise, at the most, where other modes do not show
 _VIBRATES = 6  # crossings: what has fewer is no vibration, and is refused as that
 _OTHER_RATE = 5.0  # times the frequency: no value that is known to some per cent makes that
 _STEP = 0.03  # of a value, for what a change of it does
+# Of the response of a sensor: where nothing changes the first mode, and so much is left, something
+# changes other modes
+_ELSEWHERE = 0.05
 
 
 def diagnose_simulator(
@@ -109,7 +113,11 @@ def diagnose_simulator(
     last = decays[-1].between(rounds.calm[-1])
     names = [f"channel {i + 1}" for i in range(len(on.shape))]
     errors = sensor_errors(names, last, (before[-1], found.corrected[-1]))
-    if max(e.after for e in errors) > max(e.before for e in errors):  # nothing makes it worse
+    worst = max(errors, key=lambda e: e.after)
+    if report.verdict == "none" and worst.after > LEFT_OVER and worst.part > _ELSEWHERE:
+        report = replace(report, reduced=replace(report.reduced, verdict="unknown"))
+    worse = worst.after > max(e.before for e in errors)  # which nothing makes it
+    if worse or report.reduced.refused:
         errors = sensor_errors(names, last, (before[-1], before[-1]))
         report = replace(report, parts=())
     return replace(report, sensor_errors=errors)
