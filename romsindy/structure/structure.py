@@ -314,8 +314,8 @@ class Structure(LinearModel):
             Of all modes, or one damping ratio for them. "damping_ratio", "alpha" and "beta" are
             values of the simulator, as are "modulus" and "density" over those of the model.
         rings : int
-            Number of further modes that ring beside it, at most: the three lowest that move a sensor,
-            and those that a force at the first sensor bends most.
+            Number of further modes that ring beside it, at most: the three lowest that move a
+            sensor, and those that a force at the first sensor bends most.
         held_by : str
             What holds the structure until it is let go: a "force" at the first sensor, or the modal
             force of the "mode".
