@@ -128,6 +128,7 @@ def ended(job):
     return job
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_what_it_gives_along_does_the_same():
     """The script of the page, and its command, give the equation that was shown."""
@@ -265,6 +266,7 @@ def test_a_file_is_dropped_identified_and_its_report_downloaded(page, tmp_path):
     assert 'content="romsindy identify"' in report.read_text() and page.clicks <= 5
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_mode_is_picked_with_the_pointer(page, tmp_path):
     """A box around the upper of two modes chooses it below, and is what is identified."""

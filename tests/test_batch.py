@@ -288,6 +288,7 @@ def test_a_record_in_work_is_done_again_after_an_interruption(run, folder, monke
     assert not kept.exists() or not kept.read_text()
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_one_bad_file_stops_nothing_and_nothing_is_done_twice(run, folder):
     result = run("list.csv", "--out", "out", "--pages")
@@ -330,6 +331,7 @@ def test_what_cannot_be_a_batch_is_refused(run, folder, words, message):
     assert result.exit_code == 2 and message in result.output
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_cluster_finds_the_same_and_its_end_stops_nothing(folder):
     """It goes away when the first of two records is done; the second is done here."""

@@ -681,6 +681,7 @@ def test_a_term_less_is_noticed_beside_a_force_that_was_not_measured(benchmark):
     assert row.explained and row.noticed
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("silverbox")
 def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
@@ -735,6 +736,7 @@ def test_the_benchmark_of_forecasts_steps_to_a_closed_form(benchmark):
     assert row.best == pytest.approx(0.2, rel=0.06)  # widths are 6 % apart
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("batch")
 def test_a_batch_of_the_benchmark_is_identified(benchmark, tmp_path):
@@ -758,6 +760,7 @@ def test_trials_of_a_deck_hide_one_kind_after_the_other(benchmark):
     assert np.std(off, axis=0) == pytest.approx([*benchmark._WITHIN.values()], rel=0.09)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("deck_trials")
 def test_what_a_deck_lacks_is_found_in_a_beam_of_another_code(benchmark, tmp_path, monkeypatch):
@@ -787,6 +790,7 @@ def test_trials_of_decks_hide_every_kind_in_every_structure(benchmark):
     assert wrong == [False] * 12 + [True] * 12
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("blind_decks")
 def test_two_codes_move_an_arch_alike_and_so_does_its_simulator(benchmark, tmp_path, monkeypatch):

@@ -225,6 +225,7 @@ def test_measured_velocity(run, measured):
     assert "mode 1" in used and "mode 2 at 40" in left_out
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_record_of_several_modes_is_identified_by_one(run, measured):
     """Run a of the clamped beam: its second mode rings along, and no longer spoils the first."""

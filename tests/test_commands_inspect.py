@@ -156,6 +156,7 @@ def test_one_mode_and_one_release_by_choice(run, record, tmp_path):
     assert refused.exit_code == 2 and "test.csv: mode = 7 is none of the modes" in refused.stderr
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_many_files_one_table_one_page(run, tmp_path):
     """One of them cannot be read: its sentence is in the table, and the others are done."""

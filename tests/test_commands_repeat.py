@@ -55,6 +55,7 @@ def test_what_runs_differ_by_is_what_was_put_in(run, folder):
     assert page.count("data:image/png") == 1 and "run0.csv, run2.csv" in page
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_diagnosis_takes_it_in_the_place_of_the_runs(run):
     """The run that differs most from the model is within what runs differ by."""

@@ -140,6 +140,7 @@ def test_without_numba_a_beam_is_the_same(tmp_path):
     assert_allclose(a.q, b.q, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_without_numba_records_are_read_identified_and_diagnosed(tmp_path):
     t = np.arange(0, 6, 1 / 150)

@@ -219,6 +219,7 @@ def test_two_effects_are_both_named():
     assert result.gap.after < 1.1
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_value_that_moved_by_more_than_matters_is_told_beside_a_force():
     """Drag beside another frequency: 0.5 % of it matters, 0.02 % does not."""
@@ -231,6 +232,7 @@ def test_a_value_that_moved_by_more_than_matters_is_told_beside_a_force():
     assert [e.name for e in one.effects] == ["quadratic_drag"]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_one_more_is_looked_for_beside_the_best_alone():
     """The base moves, far from resonance, by more than a cubic spring does."""
@@ -287,6 +289,7 @@ def test_one_ambiguous_effect_has_a_next_test():
     assert one.sentence.splitlines()[-1] == f"Next: to confirm it, {advice}."
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_an_effect_in_no_catalogue_is_unknown():
     """A stiffness that ripples with displacement and comes and goes in time."""
@@ -327,6 +330,7 @@ def test_an_effect_of_the_users_own():
     assert [e.name for e in result.effects] == ["fourth_power"]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_exact_models_and_tolerances():
     """Nothing free: a moved frequency is an effect; with a tolerance on gamma_3 it is no effect."""
@@ -733,6 +737,7 @@ def test_the_command_names_options_and_files(tmp_path, monkeypatch, options, mes
     assert done.stderr.splitlines()[-1].startswith(f"Error: {message}")
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_clamped_beam_has_another_linear_frequency(measured):
     """Run a against the model of run b: 2 to 2.6 Hz lower at the start, the stiffening stays."""

@@ -73,6 +73,7 @@ def report(heavier):
     return rs.diagnose(BEAM, heavier[:2], sensors=SEEN.sensors, held_out=heavier[2])
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_hidden_mass_is_named_weighed_and_put_back(report):
     assert report.verdict == "named" and report.names == ("added_mass",)
@@ -102,6 +103,7 @@ def test_report_is_written(report, tmp_path):
     assert "added_mass" in (tmp_path / "table.csv").read_text()
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     """A fault of a sensor and an effect at once: both are named, and the effect is right."""
@@ -133,6 +135,7 @@ class MiddleDamper(Damper):
     mounting = AtPoint(0.225)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_force_of_ones_own_is_found():
     """At mid-span a damper acts along another curve than at the tip, which drops faster."""
@@ -387,6 +390,7 @@ def test_a_parameter_within_its_tolerance_is_no_effect():
     assert report.gap.before > 10 and report.gap.after < 1.1
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_damper_comes_before_damping_that_would_be_far_beyond_its_tolerance():
     """Damping of the mass, known to 10 %, would have to be half as large again."""
@@ -451,6 +455,7 @@ def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):
     assert "could not be simulated with this: no equilibrium found" in report.sentence
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_record_may_start_in_the_middle_of_a_swing(heavier):
     """A quarter of a cycle after the release it was refused; the mass found is the same."""
@@ -462,6 +467,7 @@ def test_a_record_may_start_in_the_middle_of_a_swing(heavier):
     assert mass.effects[0].strengths[0, 0] == pytest.approx(4e-4, rel=0.02)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_beam_of_another_length_lacks_no_mass():
     """0.5 % longer than said: it was "named: more mass at the tip"."""
@@ -471,6 +477,7 @@ def test_a_beam_of_another_length_lacks_no_mass():
     assert report.names != ("added_mass",) and ("length",) in report.equivalent
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_command_line_reads_a_beam(heavier, tmp_path):
     """Of more elements than are simulated."""

@@ -363,6 +363,7 @@ def test_a_record_in_which_other_modes_are_loud_takes_no_part(rounds):
     assert held_out.loud == ("the held-out record",)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_what_is_refuted_on_the_beam_gives_way():
     """A cubic spring between supports does what a modulus does, until the beam sags onto it."""
@@ -421,6 +422,7 @@ def test_a_damper_is_found_where_it_is():
     assert not heard(with_noise(measured, 3, 1)).told
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_damper_is_named_where_it_is_and_as_strong():
     """Not at the tip, not in the material or the mass, and no tuned mass: the second mode tells."""

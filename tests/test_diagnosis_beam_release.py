@@ -124,6 +124,7 @@ def test_a_release_at_the_tip_is_no_effect(seed):
     assert max(e.after for e in report.sensor_errors) < 1.15
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_values_that_the_first_mode_leaves_open_are_told_by_the_second():
     """The second frequency is that of the true beam; it was 0.7 % off, with 16 times the noise."""
@@ -153,6 +154,7 @@ def test_a_release_rings_more_by_a_complex_number():
         np.testing.assert_allclose(found.rates, expected[1], atol=1e-9 * omega)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize("given", [False, True], ids=["read", "given"])
 def test_a_hidden_mass_is_found_after_a_release_at_the_tip(given):
@@ -187,6 +189,7 @@ SPAN_SEEN = InstrumentedBeam(
 MIDDLE = SPAN.point_load((0.0, 1.0), at=LENGTH / 2)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "name"), [(None, ()), (4e-3, ("viscous",))], ids=["nothing", "damper"]
@@ -226,6 +229,7 @@ def test_what_moves_a_beam_alone_is_its_modulus_over_its_density(beam):
     assert not that_do_the_same(BEAM)  # its spring and mass keep theirs
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_density_is_told_beside_the_modulus_that_does_the_same():
     truth = SPAN.with_effect(Denser(0.03))

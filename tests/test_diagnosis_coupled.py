@@ -104,6 +104,7 @@ def test_a_change_within_the_tolerance_is_none_and_beyond_it_is_told():
     assert "omega^2 [q1]" in str(found)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more"),

@@ -187,6 +187,7 @@ def test_coordinates_and_terms_are_chosen():
     assert fit.verdict.explained
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_modes_that_a_strongly_nonlinear_motion_hides_are_told():
     """The stiffness doubles, and both linear modes are looked for where the first one resounds."""

@@ -92,6 +92,7 @@ def test_it_is_named_in_a_reduced_model():
     assert OneWaySpring() in report.model.terms
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_it_is_simulated_and_named_on_a_beam():
     beam = Beam.cantilever(elements=8)

@@ -168,6 +168,7 @@ def trials(size):
     return np.array(found, float).T
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_odds_are_honest_where_the_model_wanders():
     """Of two damping laws beside process noise of a known size, which errors of 3e-4 hide."""

@@ -94,6 +94,7 @@ def test_averaged_friction_knows_how_it_follows_the_acceleration(share):
     np.testing.assert_allclose(slope, (force(h) - force(-h)) / (2 * h), rtol=1e-6)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_decays_that_end_at_rest_are_diagnosed_and_predicted():
     """Friction ends the vibration after a few cycles, and holds the mass away from the middle."""

@@ -14,7 +14,13 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NOTEBOOKS = sorted(EXAMPLES.rglob("*.ipynb"))
 LARGEST = 500_000  # bytes, so that clones stay light
 
+QUICK = ("comparison", "identify_your_own_decay")
+
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+RUN = [
+    pytest.param(path, marks=[pytest.mark.study] * (path.stem not in QUICK), id=path.stem)
+    for path in NOTEBOOKS
+]
 
 
 def code(path: Path) -> list[dict]:
@@ -40,7 +46,7 @@ def test_there_are_notebooks() -> None:
     assert NOTEBOOKS
 
 
-@each
+@pytest.mark.parametrize("path", RUN)
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive:UserWarning")
 def test_notebook_runs(

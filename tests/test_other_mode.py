@@ -145,6 +145,7 @@ def test_one_mode_is_not_looked_at_twice(monkeypatch):
     assert found.verdict == "unknown"
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_the_clamped_beam_lacks_its_third_mode(measured, monkeypatch):
     """The first mode crosses a fifth of 376 Hz near 1 mm: 0.8 s about that, smooth laws alone."""

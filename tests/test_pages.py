@@ -105,11 +105,21 @@ def made(tmp_path_factory):
 
 
 QUICK = ("orbits.md",)
-SLOW = [pytest.param(p, marks=[pytest.mark.slow] * (p.name not in QUICK)) for p in WITH_FENCES]
+DEAR = ("diagnose.md", "several.md", "simulator.md")
+RUN = [
+    pytest.param(
+        p,
+        marks=[
+            *[pytest.mark.slow] * (p.name not in QUICK),
+            *[pytest.mark.study] * (p.name in DEAR),
+        ],
+    )
+    for p in WITH_FENCES
+]
 
 
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive:UserWarning")
-@pytest.mark.parametrize("page", SLOW, ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("page", RUN, ids=lambda p: str(p.relative_to(ROOT)))
 def test_page_runs_as_it_stands(page, made, tmp_path, monkeypatch, capsys):
     shutil.copytree(made, tmp_path / "example")
     monkeypatch.chdir(tmp_path / "example")

@@ -93,6 +93,7 @@ def test_one_piece_is_the_record(record):
     np.testing.assert_array_equal(piece.residuals[0], whole.residuals[0])
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_report_of_pieces_says_so(record):
     """Tones and decays are told once; a simulation starts with each piece, and is told as one."""

@@ -100,6 +100,7 @@ def test_points_without_a_motion_are_no_place():
     assert place.at == pytest.approx(at, abs=0.04) and least < 20 and place.low[0] > 1.1
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_damper_on_a_chain_is_found_where_it_is():
     """The truth is the whole chain in time, all its freedoms; the simulator has three modes.

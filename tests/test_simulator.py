@@ -830,6 +830,7 @@ class Clamped:
         return chain(release, t, k1=1 / (1 / 900 + give), k2=k2)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_what_there_can_be_no_simulator_with_gives_way_to_what_there_can():
     """A clamp is softer by a fifth. To first order the other spring would be negative for that."""
@@ -867,6 +868,7 @@ def test_a_simulator_is_asked_to_be_exact_at_values():
     assert Simulator.of(simulate).right_at({"k": 81.5}) is None
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_values_are_found_again_with_a_simulator_that_is_exact_there():
     """A thousandth of the stiffness, which is many standard errors, is not left in the value."""

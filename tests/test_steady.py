@@ -250,6 +250,7 @@ def test_drag_is_chosen_without_a_noise_level():
     assert sum(found) >= 3  # one may have the cube of the speed, and say that it hardly tells
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_errors_count_terms_that_the_points_hardly_tell():
     """A weak drag and a weak spring beside noise: other powers do nearly the same."""

@@ -95,6 +95,7 @@ def test_the_command_reduces_a_deck(beam, tmp_path, monkeypatch):
     assert (tmp_path / "beam.json").exists() and (tmp_path / "clamped beam.html").exists()
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_where_a_shallow_arch_snaps_through_the_range_is_said(tmp_path):
     """Its rise is six thicknesses: pushed down it is held to a part of what was asked."""

@@ -55,6 +55,7 @@ def test_between_decks_lies_the_deck_of_a_value(arch, tmp_path, name, value, rel
 
 
 @needs_ccx
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_simulator_is_made_exact_at_values_that_are_off_together(arch, tmp_path):
     """There it is the deck with both, and beside it nearer than the sum of what each does."""
