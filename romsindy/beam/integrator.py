@@ -265,8 +265,7 @@ class Stepper:
         parts, done = 2**FINEST, 0
         while done < parts:
             size = 2 ** (FINEST - self._level)
-            h = sample * size / parts
-            outcome = self._try(t + sample * done / parts, h)
+            outcome = self._try(t + sample * done / parts, sample * size / parts)
             if outcome is None:
                 if self._level == FINEST:
                     return False

@@ -89,8 +89,7 @@ class SensorArray:
                 f"modes = {modes} cannot be told apart by {len(self.sensors)} sensors; ask for "
                 "fewer modes or place more sensors"
             )
-        shapes = basis.shapes[:modes].reshape(modes, -1)
-        clean = self.rows @ shapes.T
+        clean = self.rows @ basis.shapes[:modes].reshape(modes, -1).T
         return clean if snr_db is None else with_noise(clean, snr_db, seed)
 
     def experiment(

@@ -139,8 +139,7 @@ class StaticCurve:
         """
         q = coordinate(self.shapes - self.rest)
         slope = coordinate(self.tangents)  # d(new q)/dq
-        tangents = self.tangents / slope[:, None, None]
-        spline = CubicHermiteSpline(q, self.shapes, tangents)
+        spline = CubicHermiteSpline(q, self.shapes, self.tangents / slope[:, None, None])
         grid = np.linspace(q[0], q[-1], n)
         force = CubicSpline(q, self.force / slope)(grid)
         return replace(

@@ -352,8 +352,7 @@ def _mirrored_asymmetry(model: ReducedModel, record: Record) -> bool:
     if size == 0:
         return False
     part = float(even @ odd) / size
-    left = odd - part * even
-    error = float(np.sqrt(np.mean(left**2) / size))
+    error = float(np.sqrt(np.mean((odd - part * even) ** 2) / size))
     return abs(part - 1) < REVERSED and error < REVERSED / 2
 
 

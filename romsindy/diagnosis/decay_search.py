@@ -140,8 +140,7 @@ class DecaySearch(Search):
 
     def run(self) -> Finding:
         """Look for the best hypothesis."""
-        form = self.noise.known
-        base = self.settled(self.hypothesis([])).settled(form)
+        base = self.settled(self.hypothesis([])).settled(self.noise.known)
         if not base.solution.finite:
             raise ValueError(
                 "the model has no motion near that of the records: small disturbances of it grow"

@@ -255,8 +255,7 @@ class Difference:
     def _at_least(self) -> float:
         """What is sure of the largest of its values, over what is tolerated by default."""
         least = [abs(getattr(self, k)) - SURE * getattr(self, f"{k}_std") for k in KINDS]
-        usual = [getattr(Tolerance(), k) for k in KINDS]
-        return float(np.nanmax(np.divide(least, usual)))
+        return float(np.nanmax(np.divide(least, [getattr(Tolerance(), k) for k in KINDS])))
 
 
 def over_all(tolerance: Tolerance, differences: Sequence[Difference]) -> Tolerance:
@@ -352,8 +351,7 @@ def _said(t: Array, x: Array) -> tuple[Cycles, Array] | None:
     """
     if not (np.all(np.isfinite(x)) and np.ptp(x) > 0):
         return None
-    moving = np.abs(x - x.mean()) > QUIET * np.ptp(x)
-    end = int(np.flatnonzero(moving)[-1]) + 1
+    end = int(np.flatnonzero(np.abs(x - x.mean()) > QUIET * np.ptp(x))[-1]) + 1
     if end < LEAST_CYCLES:
         return None
     try:

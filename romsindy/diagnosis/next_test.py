@@ -255,8 +255,7 @@ class Extrapolation:
             return None
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
         decay = Decay(clock + t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
-        valid = np.ones(len(t), bool)
-        whole = Record(decay, signal, valid, noise, largest.spline, motion)
+        whole = Record(decay, signal, np.ones(len(t), bool), noise, largest.spline, motion)
         record = whole.until(end)
         return replace(record, spline=HarmonicSpline.fit(record.t, record.signal))
 

@@ -318,8 +318,7 @@ class ResidualSearch(Search):
         """The best with so many effects, the first few fitted to their end; None of none."""
         alike = [h for h in self.compared if len(h.solution.parts) - h.n_free == n_effects]
         nearest = sorted(alike, key=lambda h: h.solution.chi_squared)[:_FURTHER]
-        again = self.further(nearest)
-        pairs = zip(again, nearest, strict=True)
+        pairs = zip(self.further(nearest), nearest, strict=True)
         self.compared.extend(h for h, before in pairs if h.solution is not before.solution)
         return next((h for h in self._weighed() if len(h.effects) == n_effects), None)
 

@@ -150,8 +150,7 @@ def catalogue_of(
     plain = [(t, late) for t, late in inputs if t.power == 1]
     powers = [(replace(t, power=power), late) for t, late in plain for power in _POWERS]
     distorted = [InputDistortion(*p) for p in powers if p[0].key not in model.coefficients]
-    gains = [InputGain(*given) for given in inputs]
-    return (*sought, *gains, *distorted)
+    return (*sought, *[InputGain(*given) for given in inputs], *distorted)
 
 
 def search_beside_inputs(

@@ -299,8 +299,7 @@ def _with_tones(
     record, motion = records[0], motions[0]
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
-    equation = equation_of(model, parts, 0, record)
-    response = respond(equation, motion)
+    response = respond(equation_of(model, parts, 0, record), motion)
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]
     basis = change[:, 1:]

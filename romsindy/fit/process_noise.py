@@ -193,8 +193,7 @@ class Windows:
         with_rows = (grams[:, :m, part] + later[:, :m, whole]) @ self.jumps
         k, last = np.arange(n), np.maximum.outer(np.arange(n), np.arange(n))
         inner = (grams[:, whole, part] + later[:, whole, whole])[last]
-        above = np.less.outer(k, k)[..., None, None]
-        inner = np.where(above, inner, inner.swapaxes(2, 3))
+        inner = np.where(np.less.outer(k, k)[..., None, None], inner, inner.swapaxes(2, 3))
         inner[k, k] = grams[:, part, part] + later[:, whole, whole]
         each = np.einsum("kpi,klpq,lqj->kilj", self.jumps, inner, self.jumps)
         return with_rows.transpose(1, 0, 2).reshape(m, 2 * n), each.reshape(2 * n, 2 * n)

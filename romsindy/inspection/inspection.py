@@ -219,8 +219,7 @@ def _noise(recording: Recording, release: Release | None) -> ChannelNoise:
         return ChannelNoise(name, float("nan"), float("nan"), False)
     noise, loud, rings = noise_std(piece), piece, True
     if release is not None:
-        cycles = min(release.cycles, _CYCLES)
-        end = release.start + cycles / release.frequency
+        end = release.start + min(release.cycles, _CYCLES) / release.frequency
         inside = (recording.t >= release.start) & (recording.t <= release.end)
         loud = whole[inside & np.isfinite(whole)]
         first = whole[inside & (recording.t <= end) & np.isfinite(whole)]

@@ -235,5 +235,4 @@ class MagnetForce(ForceLaw):
         return -(self._closeness(q) ** -p - 1) * self.distance / p + self.side * q
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
-        slope = self._closeness(q) ** (-self.exponent - 1)
-        return -self.exponent / self.distance * slope
+        return -self.exponent / self.distance * (self._closeness(q) ** (-self.exponent - 1))

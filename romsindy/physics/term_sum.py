@@ -189,8 +189,7 @@ class TermSum:
         if any(not isinstance(v, Real | np.ndarray) or isinstance(v, bool) for v in self.values):
             given = dict(zip((t.key for t in self.terms), self.values, strict=False))
             raise ValueError(f"coefficients must be numbers, got {given}")
-        values = tuple(float(v) for v in self.values)
-        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "values", tuple(float(v) for v in self.values))
         if len(self.terms) != len(self.values):
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
         if len({t.key for t in self.terms}) != len(self.terms):

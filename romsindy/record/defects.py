@@ -64,8 +64,7 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     ``cycle`` in samples.
     """
     n, known, x = len(x), np.isfinite(x), filled(x)
-    midline = moving_mean(x, 2 * round(cycle) + 1)
-    power = _power(x - midline, cycle)
+    power = _power(x - moving_mean(x, 2 * round(cycle) + 1), cycle)
     loud = power.max()
     # Before the release there may be a hold, whose level is not that of rest.
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
@@ -118,8 +117,7 @@ def moved_by_hand(x: Array, power: Array, cycle: float) -> bool:
     moved = np.abs(midline[few:] - midline[:-few])
     # What moves on as it always does is a drift, however steep.
     least = max(_ELSEWHERE * np.sqrt(2 * power.max()), _SUDDEN * float(np.median(moved)))
-    far = moved > least
-    return bool(np.any(far & quiet[few:] & quiet[:-few]))
+    return bool(np.any((moved > least) & quiet[few:] & quiet[:-few]))
 
 
 def _own_midline(at: Indices, slow: Array, power: Array, weight: Array) -> Array:

@@ -252,8 +252,7 @@ def _how(x: Array, dt: float) -> str:
     window = ShortTimeFFT(np.hanning(width), max(width // 4, 1), 1 / dt)
     power = window.spectrogram(x)[:, window.lower_border_end[1] :]
     power = power[:, power.sum(axis=0) > _ACTS**2 * power.sum(axis=0).max()]
-    top = np.argmax(power, axis=0)
-    near = np.abs(np.arange(len(power))[:, None] - top) <= 3
+    near = np.abs(np.arange(len(power))[:, None] - np.argmax(power, axis=0)) <= 3
     tones = np.sum(power * near, axis=0) > _TONE * power.sum(axis=0)
     line = 1 / (width * dt)
     if np.mean(tones) > _MOST:

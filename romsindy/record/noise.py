@@ -153,8 +153,7 @@ class Noise:
         spectrum = replace(spectrum, power=spectrum.power + floor**2)
         every = np.fft.rfftfreq(len(rest), dt)
         std = float(np.sqrt(np.mean(spectrum(every))))
-        beside = spectrum.leaking(len(rest) * dt)
-        slowly = drift(rest + slow, amplitude, beside, cycle, dt)
+        slowly = drift(rest + slow, amplitude, spectrum.leaking(len(rest) * dt), cycle, dt)
         return cls(std, spectrum, dt, floor, lines, level, slowly)
 
     @classmethod

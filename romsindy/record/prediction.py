@@ -86,8 +86,7 @@ def coloured_product(a: Array, x: Array, y: Array) -> Array:
     """
     # S = H H' with H the impulse response 1/A: filtering backwards in time applies H'.
     left = lfilter([1.0], a, x[::-1], axis=0)
-    right = lfilter([1.0], a, y[::-1], axis=0)
-    return left.T @ right
+    return left.T @ lfilter([1.0], a, y[::-1], axis=0)
 
 
 # Samples a cycle, and cycles that a predictor of so many samples is fitted to; what it predicts.
@@ -210,8 +209,7 @@ def _certain(runs: Indices, part: Array, window: int) -> Indices:
     """
     worst = np.array([part[a:b].max() for a, b in runs])
     near = np.maximum(runs[:, None, 0] - runs[:, 1], runs[:, 0] - runs[:, None, 1]) < window
-    other = near & (worst > worst[:, None])
-    return runs[(worst > _ALONE) | ~other.any(axis=1)]
+    return runs[(worst > _ALONE) | ~(near & (worst > worst[:, None])).any(axis=1)]
 
 
 def jumps(x: Array, period: float) -> list[int]:

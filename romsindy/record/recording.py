@@ -411,8 +411,7 @@ class Recording:
     @cached_property
     def pieces(self) -> list[slice]:
         """Samples between gaps in time."""
-        ends = np.flatnonzero(self.lost) + 1
-        edges = [0, *ends.tolist(), len(self.t)]
+        edges = [0, *(np.flatnonzero(self.lost) + 1).tolist(), len(self.t)]
         return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
     def as_recording(self) -> Recording:

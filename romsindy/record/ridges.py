@@ -358,6 +358,5 @@ def _knots(ridge: Ridge, others: Sequence[Ridge]) -> float:
         for n in range(1, HARMONICS + 1)
     ]
     fold = np.log(max(ridge.amplitude.max() / max(ridge.amplitude[-1], 1e-300), np.e))
-    cycles = f * (ridge.end - ridge.start) / fold
-    most = np.clip(cycles, _FINE_KNOTS, _COARSE_KNOTS)
+    most = np.clip(f * (ridge.end - ridge.start) / fold, _FINE_KNOTS, _COARSE_KNOTS)
     return float(np.clip(1.5 / max(min(near, default=1.0), 1e-3), _FINE_KNOTS, most))

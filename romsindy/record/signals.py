@@ -231,8 +231,7 @@ def _fitted_wave(t: Array, x: Array) -> Wave:
 def _midline(x: Array, dt: float, cycle: float) -> tuple[Array, Array, Array]:
     """Times of turning points, the middle of the vibration there, and its size."""
     t = dt * np.arange(len(x))
-    rough = x - _smooth_curve(t, x, t, 3 * cycle)
-    turning = _turning_points(t, rough, dt)
+    turning = _turning_points(t, x - _smooth_curve(t, x, t, 3 * cycle), dt)
     levels = make_interp_spline(t, x, k=5)(turning)
     # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
     midline = (levels[:-2] + 2 * levels[1:-1] + levels[2:]) / 4

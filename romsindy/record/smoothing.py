@@ -93,8 +93,7 @@ class HarmonicSpline:
 
 
 def _knots(t: Array, n: int) -> Array:
-    inner = np.linspace(t[0], t[-1], n + 1)
-    return np.concatenate([[t[0]] * 3, inner, [t[-1]] * 3])
+    return np.concatenate([[t[0]] * 3, np.linspace(t[0], t[-1], n + 1), [t[-1]] * 3])
 
 
 def _phase(t: Array, at: Array) -> BSpline:
@@ -150,8 +149,7 @@ def displacement(x: Array, dt: float, frequency: float, times: int) -> tuple[Arr
     q = integrate(x, dt, frequency, times)
     check = integrate(x, dt, frequency, times, _CHECK)
     cycle = max(round(1 / (frequency * dt)), 1)
-    amplitude = np.sqrt(2 * uniform_filter1d(q**2, cycle))
-    spoilt = np.abs(q - check) > _SPOILT * amplitude
+    spoilt = np.abs(q - check) > _SPOILT * np.sqrt(2 * uniform_filter1d(q**2, cycle))
     longest = round(_LONGEST * cycle)
     first = np.flatnonzero(spoilt[:longest])
     last = np.flatnonzero(spoilt[::-1][:longest])

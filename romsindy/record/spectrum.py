@@ -64,8 +64,7 @@ def falling_power(power: Array, mean: Array) -> Array:
 
 def quiet_std(y: Array) -> float:
     """Standard deviation of white noise as strong as the quietest part of a signal's spectrum."""
-    n = len(y)
-    window = np.hanning(n)
+    window = np.hanning(len(y))
     power = np.abs(np.fft.rfft((y - y.mean()) * window)) ** 2
     return float(np.sqrt(quiet_power(power) / np.sum(window**2)))
 

@@ -271,8 +271,7 @@ def decimation(x: Array, dt: float) -> int:
     f, power = welch(x, 1 / dt, nperseg=size)
     floor = max(_STANDS_OUT * np.median(power), 1e-9 * power.max())
     highest = f[np.flatnonzero(power > floor)[-1]] if power.max() > floor else f[-1]
-    strongest = max(f[np.argmax(power)], f[1])
-    most = int(1 / (dt * _SAMPLES_PER_CYCLE * strongest))
+    most = int(1 / (dt * _SAMPLES_PER_CYCLE * max(f[np.argmax(power)], f[1])))
     kept = int(1 / (dt * _SAMPLES_PER_CYCLE * max(highest, f[1])))
     return max(1, kept, min(most, int(np.ceil(len(x) / _MOST_SAMPLES))))
 

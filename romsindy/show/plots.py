@@ -543,8 +543,7 @@ def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
             low, middle, part = 0 * low, high, "inertia at most"
         _draw(ax, amplitudes, (middle, low, high), look(i), part)
     _labelled(ax, found, "rms of part / rms of acceleration")
-    label = with_unit("amplitude", found.model.unit)
-    ax.set(xlabel=label, yscale="log", ylim=(1e-5, 3))
+    ax.set(xlabel=with_unit("amplitude", found.model.unit), yscale="log", ylim=(1e-5, 3))
     return ax
 
 

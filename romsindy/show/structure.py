@@ -46,8 +46,7 @@ def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axe
     ax = given_or_new(ax)
     s = basis.equilibrium.s
     for mode in range(1, count + 1):
-        omega = basis.omega[basis.index(mode)]
-        label = f"mode {mode}: {omega / (2 * np.pi):.4g} Hz"
+        label = f"mode {mode}: {basis.omega[basis.index(mode)] / (2 * np.pi):.4g} Hz"
         ax.plot(s, basis.shape(mode)[:, 1], **look(mode - 1), label=label)
     ax.axhline(0.0, color="0.7", lw=0.8)
     ax.set(xlabel="s (m)", ylabel=with_unit("transverse mode shape", "kg^-1/2"))

@@ -94,8 +94,7 @@ class CaseStore:
         """Static cases of a mode at these factors, if all are kept."""
         if not self._has(f"factors_{mode}"):
             return None
-        kept = self._get(f"factors_{mode}")
-        near = np.abs(kept - np.array(factors)[:, None])
+        near = np.abs(self._get(f"factors_{mode}") - np.array(factors)[:, None])
         if np.any(near.min(axis=1) > _SAME * np.abs(factors)):
             return None
         return HeldCases(np.array(factors), self._get(f"shapes_{mode}")[np.argmin(near, axis=1)])

@@ -191,8 +191,7 @@ class HeldCurve:
 
     def left_out(self) -> CurveError:
         """How far K and s are from cases that take no part, as parts of their largest change."""
-        powers = self.powers_at(self.at)
-        free = 1 - np.einsum("ij,ji->i", powers, self._solve)
+        free = 1 - np.einsum("ij,ji->i", self.powers_at(self.at), self._solve)
         off = self.cases.factors - self.force_at(self.at)
         lost = self.cases.shapes - self.shapes_at(self.at)
         changes = self.cases.shapes - np.outer(self.at, self.mode.shape)

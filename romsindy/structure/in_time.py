@@ -112,8 +112,7 @@ def _in_time(swings: Sequence[Swing]) -> list[Array | ValueError]:
     """
     t, parts = max((s.t for s in swings), key=len), swings[0].parts
     h, together = float(t[1] - t[0]) / parts, _SideBySide(swings)
-    states = together.states(t, parts, h)
-    rows = zip(states, swings, together.troubles, strict=True)
+    rows = zip(together.states(t, parts, h), swings, together.troubles, strict=True)
     return [ValueError(trouble) if trouble else x[: len(s.t)] for x, s, trouble in rows]
 
 

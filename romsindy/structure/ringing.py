@@ -67,8 +67,7 @@ class RungModes:
         inner = np.linalg.inv(known.shapes @ momenta)
         stiffness = (inner + np.swapaxes(inner, 1, 2))[:, 1:, 1:] / 2
         follow = (np.swapaxes(inner, 1, 2) @ known.shapes)[:, 1:]
-        order = min(len(known.at), _ORDER)
-        solve = np.linalg.pinv(_powers(curve, known.at, order))
+        solve = np.linalg.pinv(_powers(curve, known.at, min(len(known.at), _ORDER)))
         changes = stiffness - np.diag(omega2), follow - shapes
         return cls(curve, numbers, omega2, shapes, *(np.tensordot(solve, x, 1) for x in changes))
 
@@ -112,8 +111,7 @@ class RungModes:
 
         along = curve.powers_at(q, slope=True)
         bends = [_powers(curve, q, len(self.bent), slope) for slope in (False, True)]
-        n = along.shape[1]
-        first = 1 + k + n
+        first = 1 + k + along.shape[1]
         parts = np.zeros((_FINE, 2 + 3 * k, len(self.products)))  # x', x'', psi, psi', psi''
         parts[:, 0, 0], parts[:, 0, 1 + k : first] = 1.0, along
         parts[:, 1, 1 + k : first] = derived(along)

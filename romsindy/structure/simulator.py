@@ -127,8 +127,7 @@ def member_of(
     signs = np.sign(alike[found, np.arange(len(kept))])
     shapes = signs[:, None] * other.shapes[found][:, rows]
     held = curve(int(found[0]) + 1)
-    mass = csc_array(other.mass[rows][:, rows])
-    mode = LinearMode(kept[0], held.omega2, shapes[0], mass)
+    mode = LinearMode(kept[0], held.omega2, shapes[0], csc_array(other.mass[rows][:, rows]))
     cases = HeldCases(signs[0] * held.cases.factors, held.cases.shapes[:, rows])
     return Member(other.omega[found] ** 2, shapes, replace(held, mode=mode, cases=cases))
 

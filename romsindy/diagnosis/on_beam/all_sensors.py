@@ -405,8 +405,7 @@ def _worst(
                 continue
             rest = left - np.outer(part, column)
             found.append((seen(rest, y), channel, kind, value, part))
-    best = min(found, key=lambda row: row[0])
-    cost, channel, kind, value, part = best
+    cost, channel, kind, value, part = min(found, key=lambda row: row[0])
     all_of_it = seen(left, measured[:, channel])
     worst = float(np.mean(np.abs(part[np.abs(part) > 0]))) if np.any(part) else 0.0
     small = worst < SENSOR_FAULT * np.std(measured[:, channel])

@@ -123,8 +123,7 @@ class InstrumentedBeam:
 
     def seen(self, fields: Array) -> Array:
         """Coordinate of nodal displacements (..., n_nodes, 3) from the equilibrium."""
-        flat = fields.reshape(*fields.shape[:-2], -1)
-        return self.coordinate(flat @ self.sensors.rows.T)
+        return self.coordinate(fields.reshape(*fields.shape[:-2], -1) @ self.sensors.rows.T)
 
     def curve(self, reach: float) -> StaticCurve:
         """The static curve of the first mode, over the coordinate, a little beyond ``reach``."""

@@ -202,8 +202,7 @@ class MountedEffect(BeamEffect):
         if not self._law.has("stiffness"):
             return None
         still = State(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), 0.0)
-        pull = float(self.forces(still)[0, 0])
-        return np.full((1, len(q)), pull / self.curve.omega2)
+        return np.full((1, len(q)), float(self.forces(still)[0, 0]) / self.curve.omega2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,8 +58,7 @@ class ReleaseWay:
 
     def amplitudes(self, beam: Beam, omega: Array, shapes: Array) -> Array:
         """Of the modes, over that of the first."""
-        at = self.at * beam.length
-        load = beam.point_load((0.0, 1.0), at=at)
+        load = beam.point_load((0.0, 1.0), at=self.at * beam.length)
         moved = np.tensordot(shapes, load, axes=load.ndim) / omega ** (1 if self.struck else 2)
         return np.asarray(moved / moved[0])
 

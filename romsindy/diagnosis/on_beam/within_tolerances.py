@@ -272,8 +272,7 @@ class Opened:
 
         Shape values stay as they are.
         """
-        slices = h.solution.slices()
-        pairs = zip(h.parts, slices, strict=True)
+        pairs = zip(h.parts, h.solution.slices(), strict=True)
         rows = [(p, own) for p, own in pairs if isinstance(p.effect, BeamEffect)]
         values = [i for _, own in rows for i in range(own.start, own.stop)]
         first = np.cumsum([0, *(p.size for p, _ in rows)])[:-1]

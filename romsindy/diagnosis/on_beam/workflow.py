@@ -232,8 +232,7 @@ def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:
     """
     reach = float(np.abs(simulated.q).max())
     static = beam.reduce(order=_ORDER, amplitude=1.05 * reach).coefficients
-    omega2 = static["omega^2"]
-    damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
+    damping = {"c_linear": beam.alpha + beam.eta * static["omega^2"], "c_q^2 q_dot": 0.0}
     start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
     free = free_names(start, ("Upsilon_6", "Upsilon_7"))
     fitted = refined(start, free, (Record.of(simulated, _FOLLOWED),))

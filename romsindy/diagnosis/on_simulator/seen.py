@@ -271,8 +271,7 @@ class OnSimulator:
         inside = np.array([row for row in seen if moved.t[0] <= row[0] <= moved.t[-1]])
         if not len(inside):
             return 1.0
-        order = np.argsort(inside[:, 0])
-        at, x = inside[order].T
+        at, x = inside[np.argsort(inside[:, 0])].T
         q = self.coordinate(moved.at(at))
         per_q = float(q @ x / (q @ q))
         return 1.0 if abs(per_q - 1) < _FIRST_SENSOR else per_q
@@ -398,8 +397,7 @@ class OnSimulator:
         first = record.t[: int(_FIRST * cycle / record.decay.dt)]
         measured, room = measured[: len(first)], float(record.t[-1] - first[-1])
         largest = max(_FARTHER * abs(past.releases[0][0]), *(abs(a) for _, a in self.released))
-        longest = usual.before + room
-        known = sorted({usual.turns, *past.within(largest, longest)})
+        known = sorted({usual.turns, *past.within(largest, usual.before + room)})
         apart = past.releases[known[-1]][1] - usual.before
         if apart <= 0:
             return usual.turns

@@ -261,8 +261,7 @@ class SensorFit:
             ]
             by_size = (begun[i].readings - n.readings) / _LARGER
             later = np.gradient(n.readings, self.records[i].decay.dt, axis=0)
-            columns = [*by_value, by_size, later]
-            table = n.measured.cosines(np.stack(columns, axis=-1))
+            table = n.measured.cosines(np.stack([*by_value, by_size, later], axis=-1))
             rows.append(LinearReadings(n.left, table[:, :-2], table[:, -2:]))
         return rows
 

@@ -186,8 +186,7 @@ def _reduced(
     rate = float(np.mean([r.rate for r in records]))
     longest = max(records, key=lambda r: float(r.t[-1]))
     t = times(float(longest.t[-1]), longest.decay.dt, rate)
-    reaches = [_reach(r) for r in records]
-    release = max(reaches, key=abs)
+    release = max([_reach(r) for r in records], key=abs)
     least = min(float(extract_backbone(r.decay.single()).amplitude.min()) for r in records)
     largest = simulator.decay(release, t, n, values=values)
     _check_rate(simulator, largest, rate)

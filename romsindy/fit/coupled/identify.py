@@ -288,8 +288,7 @@ def _in_order(found: FittedPieces, fixed: Mapping[str, float], progress: Progres
     progress.say("coordinates by frequency")
     records = tuple(record.with_coordinates(order) for record in found.records)
     linear = linear_model(model.linear_modes[0], model.linear_damping_ratios, model.unit)
-    start = _start(linear, records, fixed)
-    again = of_plainest_kind(start, records, KINDS, progress)
+    again = of_plainest_kind(_start(linear, records, fixed), records, KINDS, progress)
     return again if again and again.explained else found
 
 
@@ -336,8 +335,7 @@ def _earlier(
     since = first * grid.step
     record = whole.between_steps(first, whole.motion.grid.n_steps)
     before = state_before(model, state, time - since)
-    equation = equation_of(model, (), 0, record)
-    motion = integrate(equation, before, record.motion.grid)
+    motion = integrate(equation_of(model, (), 0, record), before, record.motion.grid)
     return replace(record, motion=motion), since
 
 

@@ -213,8 +213,7 @@ def stiffness_to(order: int) -> list[Term]:
 def candidates(order: int) -> tuple[Term, ...]:
     """Stiffness and inertia up to an order, and damping."""
     stiffness = stiffness_to(order)
-    inertia = [Inertia(k) for k in range(3, order + 1)]
-    return (*stiffness, *sought("driven"), *inertia)
+    return (*stiffness, *sought("driven"), *[Inertia(k) for k in range(3, order + 1)])
 
 
 def needed_terms(

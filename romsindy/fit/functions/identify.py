@@ -97,8 +97,7 @@ def _inertia(found: Identification, sizes: Array, unit: str) -> str:
             f"the data do not ask for inertia: h(q) is at most {h.high[worst]:.2g} (95 %,"
             f" at q = {q[worst]:.3g} {unit})"
         )
-    width = (h.high - h.low) / 2
-    good = (width <= DETERMINED * h.value).reshape(2, -1).all(axis=0)
+    good = (((h.high - h.low) / 2) <= DETERMINED * h.value).reshape(2, -1).all(axis=0)
     if not np.any(good):
         return (
             "the data ask for inertia, but hardly say how much: nowhere is h(q) known to"

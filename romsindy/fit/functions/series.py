@@ -132,8 +132,7 @@ class Series:
     def split(self, values: Array) -> list[Array]:
         """Values (..., n) as k, r, c, d, strengths of forces and those of the sensor."""
         n_k, n_r, n_d = self.sizes
-        parts = [n_k, n_r, 1, n_d, len(self.forces)]
-        return np.split(values, np.cumsum(parts), axis=-1)
+        return np.split(values, np.cumsum([n_k, n_r, 1, n_d, len(self.forces)]), axis=-1)
 
     def narrowed(self, sizes: Sizes) -> Series:
         """The same with fewer terms of some series."""

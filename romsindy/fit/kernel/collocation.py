@@ -271,8 +271,7 @@ def _shifted(guess: Trajectory, first: int, last: int, now: Array) -> Array:
 
     After many cycles two motions differ mostly by their phase: each coordinate by its own.
     """
-    h = guess.grid.step
-    times = h * (np.arange(len(guess.q_ddot))[:, None] + NODES)
+    times = guess.grid.step * (np.arange(len(guess.q_ddot))[:, None] + NODES)
     found = guess.q_ddot[first:last].copy()
     spread = np.std(guess.q[first : last + 1], axis=0) + 1e-300
     for i, omega in enumerate(np.sqrt(np.std(found, axis=(0, 1)) / spread)):

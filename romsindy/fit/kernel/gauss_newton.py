@@ -170,8 +170,7 @@ def linear_table(
     model: Equations, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
-    equation = equation_of(model, parts, i, record)
-    response = respond(equation, motion)
+    response = respond(equation_of(model, parts, i, record), motion)
     change = record.in_orders(parts, response.samples)
     x = record.in_orders(parts, partial(sampled, motion)) + change[..., 0]
     return response, record.table(parts, i, x, change[..., 1:])

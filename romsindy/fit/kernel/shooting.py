@@ -271,8 +271,7 @@ def cut(record: R, cycles: float) -> list[R]:
 def lengths(records: Sequence[Prepared]) -> list[float]:
     """Of pieces, in cycles, until no record is cut; infinite at the end."""
     first = shortest(*(r.frequencies for r in records))
-    longest = max(record.turns for record in records)
-    more = max(longest / first, 1.0)
+    more = max(max(record.turns for record in records) / first, 1.0)
     count = round(np.log(more) / np.log(_GROWTH))
     return [*(first * more ** (k / count) for k in range(count)), np.inf]
 

@@ -107,8 +107,7 @@ class Record(Prepared):
     @cached_property
     def cycles(self) -> Indices:
         """First sample of every cycle, by the phase of the smooth motion."""
-        turn = np.floor(self.phase(self.t) / (2 * np.pi))
-        return np.flatnonzero(np.diff(turn) > 0) + 1
+        return np.flatnonzero(np.diff(np.floor(self.phase(self.t) / (2 * np.pi))) > 0) + 1
 
     @property
     def window_steps(self) -> Indices:
@@ -196,8 +195,7 @@ class Record(Prepared):
         Without a few per cent of them at the end, where a decay is quietest, if the transform of
         all would take several times as long.
         """
-        last = prev_fast_len(len(x))
-        return self.noise.cosines(x[:last])
+        return self.noise.cosines(x[: prev_fast_len(len(x))])
 
     def whitened(self, x: Array) -> Array:
         """Misfits or their derivatives (n, ...) over the noise, white, for a comparison with it.
@@ -249,8 +247,7 @@ def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
     if envelope[:cycle].max() < RELEASED * envelope[top]:  # held, or pushed, before the release
         near = slice(max(top - cycle, 0), top + cycle)
         first = near.start + int(np.argmax(np.abs(centred[near])))
-    quiet = max(QUIET * envelope[top], 2 * noise)
-    above = np.flatnonzero(envelope > quiet)
+    above = np.flatnonzero(envelope > max(QUIET * envelope[top], 2 * noise))
     if len(above) == 0 or above[-1] - first < 3 * cycle:
         raise ValueError(
             f"the vibration stands out of the noise (rms {noise:.2g}) for less than three"

@@ -181,8 +181,7 @@ class Estimate:
     @property
     def standard_errors(self) -> dict[str, float]:
         """Standard error of every free coefficient, by name."""
-        errors = np.sqrt(np.diag(self.covariance))
-        return dict(zip(self.free, errors.tolist(), strict=True))
+        return dict(zip(self.free, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def predict(self, record: Decay | ForcedVibration, samples: int) -> Array:
         """Simulate a record that took no part, from the state that its first samples show.

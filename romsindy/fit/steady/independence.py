@@ -133,8 +133,7 @@ def _tried(points: SteadyPoints, solution: SteadySolution) -> _PointColumns:
     values = dict.fromkeys(known, 0.0) | model.coefficients
     rich = ReducedModel(tuple(known.values()), tuple(values.values()))
     rows = linearised(points, rich, tuple(values), chain, solution.c)
-    names = [*values, *CHAIN]
-    by = dict(zip(names, np.moveaxis(rows.by_parameter, 2, 0), strict=True))
+    by = dict(zip([*values, *CHAIN], np.moveaxis(rows.by_parameter, 2, 0), strict=True))
     if not points.phased:
         del by["phase"]
     # An excitation, or a sensor, of other dynamics.
