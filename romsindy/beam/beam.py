@@ -515,8 +515,7 @@ def _beam(values: dict[str, Any]) -> Beam:
         raise ValueError("[beam.rectangle] and [beam.section] are two sections: give one")
     refuse_unknown("[beam]", values, (*_ANY_BEAM, *_OTHER_BEAMS, *_SECTIONS))
     own = dict(values)
-    table = own.pop(sections[0])
-    own["section"] = _made(_SECTIONS[sections[0]], table, f"[beam.{sections[0]}]")
+    own["section"] = _made(_SECTIONS[sections[0]], own.pop(sections[0]), f"[beam.{sections[0]}]")
     laws = {"masses": PointMass, "springs": Spring}
     own["effects"] = tuple(
         _made(law, value, f"[[beam.{name}]]")

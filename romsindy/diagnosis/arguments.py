@@ -468,8 +468,7 @@ def of_estimate(estimate: Estimate, largest: float) -> Tolerance:
         known = np.isfinite(part)
         if np.any(known):
             bands[kind] = np.array([band.amplitude[known], _BAND * part[known]])
-    usual = dict.fromkeys(KINDS, DEFAULT)
-    return Tolerance(0.0, 0.0, 0.0, "bands", sources=usual, bands=bands)
+    return Tolerance(0.0, 0.0, 0.0, "bands", sources=dict.fromkeys(KINDS, DEFAULT), bands=bands)
 
 
 def _largest(differences: Sequence[Difference], source: str) -> Tolerance:

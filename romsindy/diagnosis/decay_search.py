@@ -81,8 +81,7 @@ class ProcessNoise:
             return hypothesis
         with threadpool_limits(limits=1, user_api="blas"):
             more = fit(model, s.parts, records, s.motions, iterations=_FURTHER)
-            again = hypothesis.again(model, more, records)
-            return ProcessNoise().ranked([hypothesis, again])[0]
+            return ProcessNoise().ranked([hypothesis, hypothesis.again(model, more, records)])[0]
 
     def ranked(
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis] = ()
@@ -93,8 +92,7 @@ class ProcessNoise:
         """
         if not hypotheses:
             return []
-        each = [h.settled(self.known) for h in hypotheses]
-        form = min(each, key=_own_score).noise
+        form = min([h.settled(self.known) for h in hypotheses], key=_own_score).noise
         return sorted((h.at(form) for h in hypotheses), key=lambda h: h.score)
 
     def alike(

@@ -168,8 +168,7 @@ def search_beside_inputs(
     if others:
         gains = regressed(without_inputs(model).terms, others, records)[1].tolist()
         drives = drives_of(with_inputs(without_inputs(model), others, gains), records)
-    beside = (*drives, free_offsets(records))
-    given = (model, records, unsure, options, NoiseOfBest(), beside)
+    given = (model, records, unsure, options, NoiseOfBest(), (*drives, free_offsets(records)))
     return ResidualSearch(*given, scales=scales, chain=_chain(model, records))
 
 

@@ -115,8 +115,7 @@ def corrected(
         order = SIGNALS.index(name)
         beside = structure.coordinate(moved[order]) - sampled(reduced, order)[:, 0]
         signals[name] = measured - beside
-    own = replace(record.decay, **signals)
-    return Corrected(own, moved[record.derivative], start, release)
+    return Corrected(replace(record.decay, **signals), moved[record.derivative], start, release)
 
 
 def channel_noises(record: Record, decay: Decay, floor: float) -> tuple[Noise, ...]:

@@ -250,8 +250,7 @@ class TermEffect(Effect):
                 " give one, such as AtPoint()"
             )
         law = self.term()
-        smooth = law if law.smooth else law.regularised(CREEP)
-        return Load(smooth, strength, where)
+        return Load(law if law.smooth else law.regularised(CREEP), strength, where)
 
     def placed(self, mounting: Mounting, rest: Point) -> Mounting:
         """The mounting of a candidate, given where its point is at rest."""

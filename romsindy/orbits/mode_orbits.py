@@ -134,8 +134,7 @@ def mode_orbits(model: Equations, amplitudes: Array, mode: int) -> ModeOrbits:
     omega_0, shape = linear_mode(undamped, mode)
     curve = backbone_curve(undamped, (low, top), mode=mode)
     balance = HarmonicBalance(undamped, curve.coefficients.shape[1] - 1)
-    coordinate = int(np.argmax(np.abs(shape)))
-    family = FreeFamily(balance, omega_0, top, coordinate, from_rest=False)
+    family = FreeFamily(balance, omega_0, top, int(np.argmax(np.abs(shape))), from_rest=False)
     guesses = _guesses(curve, family, amplitudes)
     found = [_newton(family, x, a / top) for x, a in zip(guesses, amplitudes, strict=True)]
     unknowns, inverses = map(np.array, zip(*found, strict=True))

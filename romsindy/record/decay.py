@@ -263,8 +263,7 @@ class Decay(Measurement):
             return record
         release, notes = _release(record.as_recording(), start, end)
         first = release.start if start is None else record.t[0]
-        last = release.end if end is None else record.t[-1]
-        part = record.between(first, last)
+        part = record.between(first, release.end if end is None else record.t[-1])
         free = replace(part, notes=(*part.notes, *notes), stage="free")
         if self.measured != "displacement" or self.n_channels > 1:
             return free

@@ -167,8 +167,7 @@ def restored(x: Array, cycle: float) -> Array:
 def _bridged_over(x: Array, gap: Mask, stride: int) -> Array:
     """Autoregression and missing samples in turn, a first guess for these by a spline."""
     at = np.arange(len(x))
-    guess = make_interp_spline(at[~gap], x[~gap], k=3)(at)
-    x = np.where(gap, guess, x)
+    x = np.where(gap, make_interp_spline(at[~gap], x[~gap], k=3)(at), x)
     for _ in range(_ROUNDS):
         a = predictor(x, _ORDER, stride)
         for phase in range(stride):  # samples of one phase know nothing of the others

@@ -85,8 +85,7 @@ def coloured_product(a: Array, x: Array, y: Array) -> Array:
     The coefficients a (p + 1,) are those of `autoregression`; x is (n, m), y (n, k).
     """
     # S = H H' with H the impulse response 1/A: filtering backwards in time applies H'.
-    left = lfilter([1.0], a, x[::-1], axis=0)
-    return left.T @ lfilter([1.0], a, y[::-1], axis=0)
+    return lfilter([1.0], a, x[::-1], axis=0).T @ lfilter([1.0], a, y[::-1], axis=0)
 
 
 # Samples a cycle, and cycles that a predictor of so many samples is fitted to; what it predicts.

@@ -310,8 +310,7 @@ class Given(NamedTuple):
     @classmethod
     def of(cls, argument: Any) -> Given:
         """A record by itself, or those of a list."""
-        many = isinstance(argument, (list, tuple, Iterator))
-        several = list(argument) if many else [argument]
+        several = list(argument) if isinstance(argument, (list, tuple, Iterator)) else [argument]
         own = [r for r in several if isinstance(r, Measurement)]
         decays, driven = ([r for r in own if r.driven == moved] for moved in (False, True))
         return cls(several, decays, driven, [r for r in several if not isinstance(r, Measurement)])

@@ -171,8 +171,7 @@ def functions(result: Identified) -> Iterator[Picture]:
             yield Picture(name, name.capitalize(), caption, draw)
         elif changing:
             caption += " Along each coordinate, with the others at rest."
-            size = (6.4, _INCHES * len(changing))
-            yield Picture(name, name.capitalize(), caption, draw, size)
+            yield Picture(name, name.capitalize(), caption, draw, (6.4, _INCHES * len(changing)))
 
 
 def _changes(found: Estimate, name: str, coordinate: int) -> bool:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import eigvalsh
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import eigsh, splu
 
@@ -112,6 +113,26 @@ class LinearModel:
         others = np.setdiff1d(np.flatnonzero(self.omega), np.asarray(beside) - 1)
         shapes = self.shapes[others]
         return np.asarray((shapes[:, row] / self.omega[others] ** 2) @ shapes[:, rows])
+
+    def counts(self, row: int, mass: float, kept: Sequence[int]) -> Array:
+        """How many times as much a mass at a freedom counts in some modes, by number, alone.
+
+        They have the frequencies then that they have with all others that are known, by the
+        residues of the secular equation of a change of rank one [1].
+
+        [1] G. H. Golub, "Some modified matrix eigenvalue problems", SIAM Rev. 15 (1973), sec. 5.
+        """
+        known = np.flatnonzero(self.omega)
+        square, phi = self.omega[known] ** 2, self.shapes[known, row]
+        turned = self.omega[known] * phi
+        with_it = eigvalsh(np.diag(square) - np.outer(turned, turned) / (1 / mass + phi @ phi))
+        at = np.searchsorted(known, np.asarray(kept) - 1)
+        square, found, phi = square[at], with_it[np.argsort(np.argsort(square))][at], phi[at]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            apart = (found - square[:, None]) / (square - square[:, None])
+            np.fill_diagonal(apart, 1 - found / square)
+            times = np.prod(apart, axis=1) * np.prod(square / found) / (mass * phi**2)
+        return np.where(np.isfinite(times) & (times > 0), times, 1.0) ** 0.5
 
     def freedom(self, node: int | str, direction: int) -> int:
         """Row of a node's displacement in a direction (1 to 3) among the free freedoms.

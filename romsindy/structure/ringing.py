@@ -127,17 +127,15 @@ class RungModes:
         values = np.hstack([x.reshape(_FINE, -1) for x in own])
         return AlongCurve((low + high) / 2, half, q, fit, parts, fit @ values)
 
-    def at_point(self, row: int, mass: float, gives: float) -> RungTables:
+    def at_point(self, row: int, mass: float, counts: Array | float = 1.0) -> RungTables:
         """What the motion asks of one q after the other, with a mass at a freedom.
 
         They are polynomials, fitted to what they are at many points to rounding: ten times as fast.
-        Where the freedom ``gives`` under a unit of force, beside all these modes, a mass counts for
-        more in each, by its force of inertia m omega^2.
+        The mass ``counts`` (1 + m,) times as much in each mode: it moves others that are not here.
         """
         known = self._sampled
         phi, follows = self.curve.mode.shape[row], self.curve.follows[:, row]
-        omega2 = np.append(self.curve.omega2, self.omega2)
-        modes = (1 + mass * gives * omega2 / 2) * np.append(phi, self.shapes[:, row])
+        modes = counts * np.append(phi, self.shapes[:, row])
         shapes = np.array([*modes, *follows, *self.bent[:, :, row].ravel()])
         moved = known.q * phi + self.curve.powers_at(known.q) @ follows
         columns = np.column_stack([moved, known.parts @ shapes, np.full(_FINE, mass)])

@@ -328,7 +328,8 @@ class StructureSimulator:
         row = self.point if question.point is None else self._row(question.point)
         stiffer, units, m = modulus / density, self.units, mass / self.units.mass / density
         own, *others = self._gives(row, [row, *self.sensors])
-        tables = self.ringing.at_point(row, m, own)
+        kept = (self.curve.mode.number, *self.ringing.numbers)
+        tables = self.ringing.at_point(row, m, self.structure.counts(row, m, kept) if m else 1.0)
         known = np.append(self.curve.omega2, self.ringing.omega2)
         omega2 = stiffer * known
         if not np.all(omega2 > 0):
@@ -379,7 +380,7 @@ class StructureSimulator:
     @cached_property
     def _at_first(self) -> RungTables:
         """At the first sensor."""
-        return self.ringing.at_point(self.sensors[0], 0.0, 0.0)
+        return self.ringing.at_point(self.sensors[0], 0.0)
 
     def _held(
         self, release: float, row: int, point: RungTables, force: Force | None, over: float

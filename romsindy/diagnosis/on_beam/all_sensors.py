@@ -403,8 +403,7 @@ def _worst(
         for kind, value, part in _explanations(y, f):
             if kind == "gain" and without is not None:
                 continue
-            rest = left - np.outer(part, column)
-            found.append((seen(rest, y), channel, kind, value, part))
+            found.append((seen(left - np.outer(part, column), y), channel, kind, value, part))
     cost, channel, kind, value, part = min(found, key=lambda row: row[0])
     all_of_it = seen(left, measured[:, channel])
     worst = float(np.mean(np.abs(part[np.abs(part) > 0]))) if np.any(part) else 0.0

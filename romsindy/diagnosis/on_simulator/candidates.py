@@ -75,8 +75,7 @@ class PlaceOnStructure:
     def content(self) -> dict[str, object]:
         """What JSON keeps of it."""
         box = {name: getattr(self, name).tolist() for name in ("at", "low", "high")}
-        strengths = list(self.strengths)
-        return {"point": self.point, **box, "told": self.told, "strengths": strengths}
+        return {"point": self.point, **box, "told": self.told, "strengths": list(self.strengths)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,8 +378,7 @@ class CandidateSearch:
             asked.update(near)
             near, reach = points.spread({own.fit.here.at_point}, reach, _NEARER)
             near = [] if asked.issuperset(near) else near
-        gain = self.look.misfit - own.look.misfit
-        return Candidate(own.fitted.parts[-1], own.fit.here, gain)
+        return Candidate(own.fitted.parts[-1], own.fit.here, self.look.misfit - own.look.misfit)
 
     def _beside(self, candidate: Candidate) -> CandidateSearch | None:
         """The same with what may be missing fitted beside it; None where that does not move."""

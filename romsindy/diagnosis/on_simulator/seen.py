@@ -259,8 +259,7 @@ class OnSimulator:
         asked = [replace(self, point=point).question(q, t, probe) for point, probe in rows]
         answers = self.simulator.decays(asked, len(self.shape))
         for point, probe, answer in zip(new, probes, answers, strict=True):
-            per_q = self.per_q(whole(answer), probe.seen)
-            self.scales[point] = self.scale._replace(per_q=per_q)
+            self.scales[point] = self.scale._replace(per_q=self.per_q(whole(answer), probe.seen))
         return [replace(self, point=point, scale=self.scales[point]) for point in points]
 
     def per_q(self, moved: SimulatedDecay, seen: Sequence[tuple[float, float]]) -> float:

@@ -273,8 +273,7 @@ def _identified(
     """The model of some vibrations."""
     ringing = sorted(strongest, key=lambda v: v.small_frequency)
     progress.say(f"coordinates at {names_of(ringing)}")
-    frequency = np.array([v.small_frequency for v in ringing])
-    records = coupled_records(decays, frequency, NUMERICS)
+    records = coupled_records(decays, np.array([v.small_frequency for v in ringing]), NUMERICS)
     start = _start(_small(ringing, decays[0].unit), records, fixed)
     return of_plainest_kind(start, records, KINDS, progress)
 

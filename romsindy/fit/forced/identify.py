@@ -196,8 +196,7 @@ class _TermSearch:
         known = [t for t in self.laws if t.key in self.fixed]
         own = tuple({t.key: t for t in (*self.linear, *known, *terms)}.values())
         model = self.look.model(own, inputs, self.fixed)
-        names = free_names(without_inputs(model), self.fixed)
-        return self.look.fit(names, model)
+        return self.look.fit(free_names(without_inputs(model), self.fixed), model)
 
 
 def stiffness_to(order: int) -> list[Term]:

@@ -161,8 +161,7 @@ class Look(NamedTuple):
         acting = [(i, gain) for t, gain in model.pairs if (i := input_in(t)) is not None]
         refuse_displacement(*zip(*acting, strict=True))
         beside = (*drives_of(model, self.driven), *self.shapes)
-        problem = Driven(names, self.records, loss, progress)
-        return problem.fit(without_inputs(model), beside)
+        return Driven(names, self.records, loss, progress).fit(without_inputs(model), beside)
 
 
 def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:

@@ -317,8 +317,7 @@ class CoupledRecord(Prepared):
                     continue
                 decay = Decay(self.decay.t, q, unit=self.decay.unit, stage="free")
                 spline = HarmonicSpline.along(tone.phase, clock, q, _CYCLES, 1)
-                valid = np.ones(len(t), bool)
-                record = Record(decay, signal, valid, noise, spline, self.motion)
+                record = Record(decay, signal, np.ones(len(t), bool), noise, spline, self.motion)
                 found.append((record, left))
         return found
 

@@ -404,8 +404,7 @@ def _verdict(records: Sequence[Prepared], solution: Solution, undetermined: str)
     driven = [(r, e) for r, e in pairs if r.driven]
     if driven:
         alone, left = zip(*driven, strict=True)
-        verdict = examine_forced(alone, left, solution.n_values)
-        return replace(verdict, undetermined=undetermined)
+        return replace(examine_forced(alone, left, solution.n_values), undetermined=undetermined)
     return examine(records, solution.residuals, solution.n_values)
 
 
