@@ -932,3 +932,27 @@ def test_what_changes_its_sign_changes_by_a_difference():
     rounds = SimpleNamespace(structure=SimpleNamespace(with_effects=tuple), own=(own,), known={})
     (after,) = SimulatorRounds.next_parts(rounds, (there,), (found,))
     assert after.values == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize("off, verdict", [(1.001, "none"), (1.06, "unknown")])
+def test_what_is_wrong_with_another_mode_alone_is_not_nothing(off, verdict):
+    """Two modes in closed form; of the second the simulator has another frequency.
+
+    A thousandth is as well as frequencies are known; six hundredths are a wrong mode.
+    """
+    shapes = np.array([[1.0, 0.7, 1.2], [0.0, 0.3, -0.15]])
+
+    def two_modes(release, t, off=1.0):
+        omega = np.array([30.0, 81.0 * off])
+        angle = np.outer(t, omega)
+        return release * (np.exp(-0.01 * angle) * np.cos(angle)) @ shapes
+
+    t, rng = np.arange(0, 6, 0.005), np.random.default_rng(4)
+    moved = [two_modes(release, t, off) for release in (0.02, 0.012)]
+    noise = [0.01 * np.std(x, axis=0) * rng.standard_normal(x.shape) for x in moved]
+    decays = [rs.Decay(t, x + e, unit="m") for x, e in zip(moved, noise, strict=True)]
+    report = rs.diagnose(lambda release, t: two_modes(release, t), decays)
+    assert report.verdict == verdict and report.names == () == report.parts
+    worst = max(report.sensor_errors, key=lambda e: e.after)
+    assert worst.label == "channel 2"
+    assert (worst.part < 0.03) == (verdict == "none")
