@@ -212,6 +212,7 @@ def test_nothing_hidden_is_found():
     assert verdicts == ["none", "none"]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_two_effects_are_both_named():
     result = report(force=lambda t, q, v: 0.004 * abs(v) * v + 20.0 * q**3)

@@ -93,6 +93,7 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
     )
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_report_is_written(report, tmp_path):
     report.to_html(tmp_path / "page.html")
@@ -351,6 +352,7 @@ def test_other_units_are_noticed(heavier):
     )
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_recipe_and_model_are_those_of_the_verdict(heavier):
     """A drift in time is no property of a beam: it is said, and nothing else is put in its place.

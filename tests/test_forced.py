@@ -162,6 +162,7 @@ def test_an_input_that_is_held_is_integrated_exactly():
     assert fit.model.coefficients["omega^2"] == pytest.approx(OMEGA**2, rel=1e-6)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize("held_between", [False, True])
 def test_slow_input_cannot_tell(held_between):

@@ -421,6 +421,7 @@ def test_the_simplest_structure_is_at_the_head(coefficients, start, name):
     assert abs(1482 - (low + high) / 2) < 1.5 * (high - low)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["slow", "rough"])
 def test_noise_with_a_colour_is_no_error_of_the_equation(kind):

@@ -299,6 +299,7 @@ def test_joint_that_was_relaxed_slips_later_on_its_first_stroke():
         np.testing.assert_allclose(found, way * expected, atol=1e-9)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_joint_that_was_relaxed_at_the_release_is_named():
     """Sliders of large limits, loaded by the way from the release alone, stay where they slip."""

@@ -83,6 +83,7 @@ def rivals_of(found):
     return [Extrapolation.of(MODEL, h, found.records, 0) for h in found.rivals]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_the_advised_test_names_what_was_ambiguous():
     # q^2 q_dot and q_dot^3 take the same energy from a harmonic motion: a third harmonic, below

@@ -105,7 +105,7 @@ def made(tmp_path_factory):
 
 
 QUICK = ("orbits.md",)
-DEAR = ("diagnose.md", "several.md", "simulator.md")
+DEAR = ("diagnose.md", "forced.md", "several.md", "simulator.md")
 RUN = [
     pytest.param(
         p,
