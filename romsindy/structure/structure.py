@@ -35,7 +35,7 @@ from romsindy.typing import Array
 
 _MODES = 20  # beside the one that is asked for: those that may follow it
 _TOLERANCE = 1e-4
-_RING, _LOWEST = 6, 3  # modes that ring beside the one that is kept, and the lowest of them
+_RING, _LOWEST = 12, 3  # modes that ring beside the one that is kept, and the lowest of them
 _RUNG = 0.003  # of the mode that is kept, at a sensor: what a release rings less is noise
 _HELD_AT, _TRIED = 1e-3, 20  # so near to a release, part of it, a load is looked for, and cases
 _SEEN = 1e-3  # of the largest displacement of a mode: a sensor that it moves less does not see it
