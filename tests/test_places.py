@@ -117,25 +117,36 @@ def test_a_damper_on_a_chain_is_found_where_it_is():
     assert f"at {hidden.node}:3" in report.recipe
 
 
-class _Gains(CandidateSearch):
-    """What something explains at each point, which a table says."""
+class _Table(CandidateSearch):
+    """What something leaves where it is fitted to a point: the square of how far it is from one."""
 
-    def _told_by(self, candidates):
-        return [c._replace(gain=self.look[c.there.at_point]) for c in candidates]
+    at = np.array([0.4375, 0.3125, 0.0])
+    asked = 0
+
+    @classmethod
+    def left(cls, point):
+        return float(np.sum((PLATE[point] - cls.at) ** 2))
+
+    def _beside(self, candidate):
+        _Table.asked += 1
+        there = candidate.there
+        look = SimpleNamespace(misfit=self.left(there.at_point))
+        fitted = SimpleNamespace(parts=(there.at_point,))
+        return _Table(SimpleNamespace(here=there), fitted, look)
+
+    def _likeliest(self, points):
+        own = self.fit.here
+        best = min([own.at_point, *points], key=self.left)
+        return own if best == own.at_point else SimpleNamespace(at_point=best)
 
 
 def test_what_is_compared_is_at_its_likeliest_place():
-    """Found among 561 points by asking some at ever smaller distances about the best of 17."""
-    at = np.array([0.4375, 0.3125, 0.0])
-    gains = {p: 1.0 / (0.01 + np.sum((x - at) ** 2)) for p, x in PLATE.items()}
-
-    def there(names):
-        return [SimpleNamespace(at_point=name) for name in names]
-
+    """Found among 561 points from the best of 17, fitted at few; its gain is off what was left."""
+    here = SimpleNamespace(acts=lambda parts: True)
+    search = _Table(SimpleNamespace(here=here), None, SimpleNamespace(misfit=2.0))
     points = Points(PLATE, "280:3")
-    first, reach = points.apart()
-    best = max((Candidate(None, t, gains[t.at_point]) for t in there(first)), key=lambda c: c.gain)
-    search = _Gains(SimpleNamespace(here=SimpleNamespace(at=there)), None, gains)
-    found = search._nearer(best, points, reach)
-    assert max(found, key=lambda c: c.gain).there.at_point == max(gains, key=gains.get)
-    assert len(found) < 80
+    far = [(p, SimpleNamespace(at_point=p)) for p in points.apart()[0]]
+    found = search._settled([Candidate(None, t, -_Table.left(p)) for p, t in far], points)
+    best = min(PLATE, key=_Table.left)
+    assert found.part == best == found.there.at_point
+    assert found.gain == 2.0 - _Table.left(best) and _Table.asked < 12
