@@ -934,11 +934,12 @@ def test_what_changes_its_sign_changes_by_a_difference():
     assert after.values == pytest.approx([0.0])
 
 
-@pytest.mark.parametrize("off, verdict", [(1.001, "none"), (1.06, "unknown")])
+@pytest.mark.parametrize("off, verdict", [(1.004, "none"), (1.06, "unknown")])
 def test_what_is_wrong_with_another_mode_alone_is_not_nothing(off, verdict):
     """Two modes in closed form; of the second the simulator has another frequency.
 
-    A thousandth is as well as frequencies are known; six hundredths are a wrong mode.
+    Four thousandths, two standard deviations of what is known, may be a repeat; six hundredths
+    are a wrong mode.
     """
     shapes = np.array([[1.0, 0.7, 1.2], [0.0, 0.3, -0.15]])
 
@@ -954,5 +955,4 @@ def test_what_is_wrong_with_another_mode_alone_is_not_nothing(off, verdict):
     report = rs.diagnose(lambda release, t: two_modes(release, t), decays)
     assert report.verdict == verdict and report.names == () == report.parts
     worst = max(report.sensor_errors, key=lambda e: e.after)
-    assert worst.label == "channel 2"
-    assert (worst.part < 0.03) == (verdict == "none")
+    assert worst.label == "channel 2" and worst.part > 0.05 and worst.after > 5

@@ -432,6 +432,5 @@ def beyond_noise(records: Sequence[Prepared], residuals: Sequence[Array]) -> flo
     sizes = []
     for record, e in zip(records, residuals, strict=True):
         peak = float(np.abs(record.signal - record.signal.mean()).max())
-        power = float(np.mean(e**2)) - noise_std(record) ** 2
-        sizes.append(max(power, 0.0) ** 0.5 / peak)
+        sizes.append(max(float(np.mean(e**2)) - noise_std(record) ** 2, 0.0) ** 0.5 / peak)
     return max(sizes)

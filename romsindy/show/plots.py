@@ -372,8 +372,7 @@ def _mark(ax: Axes, omega: Array, lines: Array, kind: str) -> None:
     if len(omega):
         label = None if kind in ax.get_legend_handles_labels()[1] else kind
         look: dict[str, Any] = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
-        hz = np.tile(omega / (2 * np.pi), len(lines))
-        ax.plot(hz, lines.ravel(), _MARKERS[kind], **look)
+        ax.plot(np.tile(omega / (2 * np.pi), len(lines)), lines.ravel(), _MARKERS[kind], **look)
 
 
 def _symbol(key: str) -> str:

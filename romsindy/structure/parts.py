@@ -290,8 +290,7 @@ def _bound(several: Iterable[Iterable[Any]]) -> dict[Any, int]:
     ]
     rows, columns = np.array(pairs, int).reshape(-1, 2).T
     graph = coo_array((np.ones(len(rows)), (rows, columns)), (len(index), len(index)))
-    numbers = connected_components(graph, directed=False)[1]
-    return dict(zip(index, numbers.tolist(), strict=True))
+    return dict(zip(index, connected_components(graph, directed=False)[1].tolist(), strict=True))
 
 
 def _middles(nodes: Sequence[int]) -> Iterator[tuple[int, int, int]]:

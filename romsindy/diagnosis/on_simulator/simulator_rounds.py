@@ -528,11 +528,19 @@ class SimulatorRounds(Rounds):
         ]
         return max(e.after for several in errors for e in several)
 
+    def left_beside(self, found: Sequence[Corrected]) -> float:
+        """Rms over the noise of what all sensors keep, where gains and other modes may be off."""
+        rows = zip(self._now(found), self.records, strict=True)
+        left = sum(beside_known(n.left, n.allowed(self.structure, r.t)) for n, r in rows)
+        return (left / sum(m.measured.size for m in self.measured)) ** 0.5
+
     def _nearer(self, best: Outcome) -> FittedSimulator:
         """What is in the simulator, changed by one step of least squares on whole records."""
-        rows = zip(best.corrected, self.measured, strict=True)
-        now = [Now(c.readings, c.start, c.release, own) for c, own in rows]
-        return self._fit.after_step(best.parts, now)
+        return self._fit.after_step(best.parts, self._now(best.corrected))
+
+    def _now(self, found: Sequence[Corrected]) -> list[Now]:
+        rows = zip(found, self.measured, strict=True)
+        return [Now(c.readings, c.start, c.release, own) for c, own in rows]
 
     def _grown(self, best: Outcome) -> FittedSimulator:
         """What is in the simulator, fitted to the first cycles, and to ever more."""

@@ -113,10 +113,10 @@ def diagnose_simulator(
     last = decays[-1].between(rounds.calm[-1])
     names = [f"channel {i + 1}" for i in range(len(on.shape))]
     errors = sensor_errors(names, last, (before[-1], found.corrected[-1]))
-    worst = max(errors, key=lambda e: e.after)
-    if report.verdict == "none" and worst.after > LEFT_OVER and worst.part > _ELSEWHERE:
+    much = max(e.part for e in errors) > _ELSEWHERE
+    if report.verdict == "none" and much and rounds.left_beside(found.corrected) > LEFT_OVER:
         report = replace(report, reduced=replace(report.reduced, verdict="unknown"))
-    worse = worst.after > max(e.before for e in errors)  # which nothing makes it
+    worse = max(e.after for e in errors) > max(e.before for e in errors)  # nothing makes it that
     if worse or report.reduced.refused:
         errors = sensor_errors(names, last, (before[-1], before[-1]))
         report = replace(report, parts=())

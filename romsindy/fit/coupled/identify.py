@@ -260,8 +260,7 @@ def _start(
     """Small vibrations, with what is known of the coefficients."""
     laws = _laws(linear.n_coordinates)
     known = [(laws[name], value) for name, value in fixed.items()]
-    model = linear.with_terms([*linear.pairs, *known])
-    return Stage(model, free_shapes(records), tuple(fixed))
+    return Stage(linear.with_terms([*linear.pairs, *known]), free_shapes(records), tuple(fixed))
 
 
 def _identified(

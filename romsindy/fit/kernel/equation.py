@@ -136,8 +136,7 @@ class ExtendedEquation:
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
-                everywhere = self._everywhere(part.effect, forces)
-                residual = residual + np.tensordot(own, everywhere, 1)
+                residual = residual + np.tensordot(own, self._everywhere(part.effect, forces), 1)
                 unit = self._unit(part.effect)
                 both = np.outer(unit, unit)
                 added = (np.reshape(b, (-1, 1, 1)) * both for b in part.effect.slopes(state, own))

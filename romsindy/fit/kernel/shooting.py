@@ -305,8 +305,7 @@ def fit_pieces(
         here = slice(first, first + len(own))
         whole.append(Trajectory.joined(record.motion.grid, motions[here]))
         pieces = zip(own, residuals[here], strict=True)
-        channels = [piece.by_channel(x) for piece, x in pieces]
-        left.append(np.concatenate(channels, axis=1).ravel())
+        left.append(np.concatenate([piece.by_channel(x) for piece, x in pieces], axis=1).ravel())
         first += len(own)
     return replace(solution, motions=tuple(whole), residuals=tuple(left))
 

@@ -463,8 +463,7 @@ def _followed(
         if not near.converged:
             near = _in_pieces(model, parts, records)
         rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
-        tolerance = _ROUGH if rough else TOLERANCE
-        return shot(near.parts, records, near.motions, tolerance=tolerance)
+        return shot(near.parts, records, near.motions, tolerance=_ROUGH if rough else TOLERANCE)
     if near.converged or model.memories:
         return shot(near.parts, records, near.motions)
     found, motions = fit_growing(model, parts, records)

@@ -165,8 +165,7 @@ class Chain:
 
     def force(self, measured: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Complex amplitudes per unit mass."""
-        gain = self.gain + self.slope * np.abs(measured)
-        return gain * np.exp(1j * self.phase) * measured
+        return (self.gain + self.slope * np.abs(measured)) * np.exp(1j * self.phase) * measured
 
 
 CHAIN = ("gain", "slope", "phase")
