@@ -20,7 +20,7 @@ values it starts, their limits and prior. ``sign`` = 1 says that a negative stre
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -37,8 +37,15 @@ from romsindy.typing import Array
 class SampledInput(Protocol):
     """A measured input."""
 
+    @property
+    def spans(self) -> Sequence[tuple[float, float]]:
+        """Begin and end, s, of each hit, if it consists of hits."""
+
     def at(self, t: Array, term: Input) -> Array:
         """What acts of it, as a term says, at times from the start of the record, (n,)."""
+
+    def of_hits(self, t: Array, term: Input) -> Array:
+        """The same of each of its hits alone, (n_hits, n)."""
 
 
 class State(NamedTuple):

@@ -360,6 +360,31 @@ class DriveAlong(Drive):
 
 
 @dataclass(frozen=True)
+class Impulses(Effect):
+    """What the hits of an input were stronger than their samples say: each by a part of itself.
+
+    ``gains`` are those of the input in the equations of all coordinates, (R,); of a record that has
+    fewer than ``n_strengths`` hits the others do nothing.
+    """
+
+    of: Input
+    gains: tuple[float, ...]
+    n_strengths: int = 1  # type: ignore[misc]
+
+    name, family, per_record = "impulses", "outside", True
+    label = "hits that are stronger than their samples say"
+
+    def forces(self, state: State) -> Array | None:
+        """In every equation, (n_strengths, n, R); None where nothing is measured of the input."""
+        samples = (state.inputs or {}).get(self.of.source)
+        if samples is None:
+            return None
+        own = samples.of_hits(state.t, self.of)
+        each = np.concatenate([own, np.zeros((self.n_strengths - len(own), len(state.t)))])
+        return -self.of.sign * each[..., None] * np.array(self.gains)
+
+
+@dataclass(frozen=True)
 class InputGain(Drive):
     """A known input that is stronger, or weaker; the strength is the change of its gain."""
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,6 +47,15 @@ _TONE, _MOST = 0.7, 0.8
 # stepped moves by less than a part of that, so often. Less than so many lines tell neither.
 _STILL, _HOLDS, _FAR = 0.1, 0.2, 8
 _BAND = 0.01  # of the power: what lies beyond belongs to no band
+# A force rests where it stays within so many standard deviations of its noise, that of the quietest
+# quarter of the record, and acts where it is so much larger. Noise whose neighbours go together
+# more than this is none of its sensor.
+_QUIETEST, _RESTS, _STANDS_OUT, _WHITE = 0.25, 5.0, 30.0, 0.3
+_ROUNDING = 1e-9  # of the largest value
+# Beside what stands out of the noise, a burst has so much of its length to either side. A hit
+# pushes one way with this part of it, and begins with its first slope above that part of its peak.
+_FEET, _ONE_WAY, _FOOT = 0.5, 0.9, 0.05
+_KINK = 0.0745  # rms of Bernoulli's second polynomial over places between two samples
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,6 +182,12 @@ class ForcedVibration(Measurement):
         """Of the inputs, in the order of the columns of u."""
         return self._units(len(self.names))
 
+    @property
+    def windows(self) -> dict[str, ForceWindow]:
+        """The inputs by name, forces without what their sensors show where they rest."""
+        pairs = zip(self.names, self.u.T, strict=True)
+        return {n: ForceWindow(u) if is_base(n) else ForceWindow.of(u) for n, u in pairs}
+
     def _units(self, count: int) -> tuple[str | None, ...]:
         unit = self.input_unit
         return (unit,) * count if isinstance(unit, str | None) else tuple(unit)
@@ -244,6 +260,69 @@ def recorded_input(x: Array, dt: float, name: str, kind: str) -> RecordedInput:
             name, kind, f"a blow or several, {100 * acts:.2g} % of the record", False
         )
     return RecordedInput(name, kind, _how(x, dt), True)
+
+
+class Hit(NamedTuple):
+    """A pulse of a force: its samples, and the error of its impulse, a standard deviation."""
+
+    at: slice
+    error: float  # as a part of the impulse
+
+
+class ForceWindow(NamedTuple):
+    """A force that is 0 wherever it rests, and the hits that it consists of, if it does.
+
+    What its sensor shows between hits, or after a shaker was switched off, is noise and a zero that
+    is off: W. Halvorsen, D. Brown, "Impulse technique for structural frequency response testing",
+    Sound and Vibration 11 (1977).
+    """
+
+    u: Array
+    hits: tuple[Hit, ...] = ()
+
+    @classmethod
+    def of(cls, u: Array) -> ForceWindow:
+        """Of samples (n,), which stay as they are where no white noise about one value is rest."""
+        parts = [x for x in np.array_split(u, _WINDOWS) if len(x)]
+        spread = np.array([np.std(x) for x in parts])
+        noise = float(np.quantile(spread, _QUIETEST))
+        levels = np.array([np.median(x) for x in parts])[spread <= 2 * noise]
+        zero = float(np.median(levels))
+        off = u - zero
+        size = np.abs(off)
+        near = _RESTS * noise + _ROUNDING * float(size.max())
+        loud = [run for run in runs(size > near) if size[run].max() > 2 * near]
+        if np.any(np.abs(levels - zero) > near) or not size.max() > _STANDS_OUT * noise or not loud:
+            return cls(u)
+        # Feet of a pulse are in the noise, and it rings where it was filtered.
+        feet = 2 + int(_FEET * max(run.stop - run.start for run in loud))
+        acts = np.zeros(len(u), bool)
+        for run in loud:
+            acts[max(run.start - feet, 0) : run.stop + feet] = True
+        rest = np.where(acts, 0.0, off)
+        if np.all(acts) or abs(float(rest[1:] @ rest[:-1])) > _WHITE * float(rest @ rest):
+            return cls(u)
+        own = np.where(acts, off, 0.0)
+        return cls(own, _hits(own, runs(acts), float(np.std(off[~acts]))))
+
+
+def _hits(u: Array, bursts: Sequence[slice], noise: float) -> tuple[Hit, ...]:
+    """Bursts of a force as hits; none where one of them does not push one way.
+
+    Noise is in the sum of the samples. And samples tell an integral badly where the force begins or
+    ends with a kink, which may be anywhere between two of them: by the first term of Euler and
+    Maclaurin's formula, with the slopes there.
+    """
+    found = []
+    for run in bursts:
+        own = u[run]
+        impulse, peak = abs(float(own.sum())), float(np.abs(own).max())
+        if impulse < _ONE_WAY * float(np.abs(own).sum()):
+            return ()
+        slopes = np.diff(own[np.abs(own) > _FOOT * peak], append=0.0)
+        kink = _KINK / 2 * float(np.hypot(slopes[0], slopes[-2:][0]))
+        found.append(Hit(run, float(np.hypot(noise * np.sqrt(len(own)), kink)) / impulse))
+    return tuple(found)
 
 
 def _how(x: Array, dt: float) -> str:

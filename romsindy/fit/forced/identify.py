@@ -47,6 +47,7 @@ from romsindy.text import percent
 from romsindy.typing import Array
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
+_LOST = 2.0  # times as much left as before: no choice of terms does that
 _STRETCHES = 8  # in all, each left out in turn
 
 
@@ -135,12 +136,13 @@ def _hidden(fit: Fit, look: Look) -> tuple[str, ...]:
 def _best(search: _TermSearch, driven: Sequence[ForcedVibration]) -> Fit:
     """With the terms that are needed, whatever the inputs do between their samples."""
     hypotheses = [inputs_in(driven, way) for way in ways(driven)]
-    best = search.decided(search.needed(hypotheses[0]), hypotheses)
+    needed, search = search.needed(hypotheses[0])
+    best = search.decided(needed, hypotheses)
     inputs = inputs_of(best.model)
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
-        own = inputs_in(driven, inputs[0].interpolation)
-        best = search.decided(search.needed(own), hypotheses)
+        needed, search = search.needed(inputs_in(driven, inputs[0].interpolation))
+        best = search.decided(needed, hypotheses)
     # They were chosen about motions that the fit has left.
     present = [t for t in search.candidates if t.key in best.model.coefficients]
     kept = possible(best, present)
@@ -174,9 +176,13 @@ class _TermSearch:
         """All candidates about the motions of a fit."""
         return linearised(fit, fit.solution.motions, self.candidates, left_out=False)
 
-    def needed(self, inputs: Sequence[Input]) -> tuple[Term, ...]:
-        """Those of the laws that are needed, about the motions of those found before."""
+    def needed(self, inputs: Sequence[Input]) -> tuple[tuple[Term, ...], _TermSearch]:
+        """Those of the laws that are needed, about the motions of those found before.
+
+        And the search from motions that do not lead them astray.
+        """
         kept: tuple[Term, ...] = ()
+        search = self
         fit = self.fitted(kept, inputs)
         motions = [r.motion for r in fit.records]
         for number in range(_ROUNDS):
@@ -185,11 +191,24 @@ class _TermSearch:
             if new == kept:
                 break
             try:
-                fit, kept = self.fitted(new, inputs), new
+                after = search.fitted(new, inputs)
+                if _lost(after, fit):
+                    search = self.about(motions)
+                    after = search.fitted(new, inputs)
             except TrajectoryError:  # chosen about motions that are too far off
                 break
-            motions = list(fit.solution.motions)
-        return kept
+            if _lost(after, fit):
+                break
+            fit, kept, motions = after, new, list(after.solution.motions)
+        return kept, search
+
+    def about(self, motions: Sequence[Trajectory]) -> _TermSearch:
+        """The same from other motions than those that were measured, where none are pieces."""
+        records = self.look.records
+        if len(motions) != len(records):
+            return self
+        near = tuple(r.with_motion(m) for r, m in zip(records, motions, strict=True))
+        return replace(self, look=self.look._replace(records=near))
 
     def fitted(self, terms: Sequence[Term], inputs: Sequence[Input]) -> Fit:
         """From values by regression on the smooth motions, or those of linear modes."""
@@ -197,6 +216,12 @@ class _TermSearch:
         own = tuple({t.key: t for t in (*self.linear, *known, *terms)}.values())
         model = self.look.model(own, inputs, self.fixed)
         return self.look.fit(free_names(without_inputs(model), self.fixed), model)
+
+
+def _lost(fit: Fit, before: Fit) -> bool:
+    """Whether a fit found another motion than the one before it, and a worse one."""
+    parts = [f.verdict.part for f in (fit, before) if isinstance(f.verdict, ForcedAdequacy)]
+    return parts[0] > _LOST * parts[1]
 
 
 def stiffness_to(order: int) -> list[Term]:

@@ -16,7 +16,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from romsindy.effects.base import Effect
-from romsindy.effects.outside import Drive
+from romsindy.effects.outside import Drive, Impulses
 from romsindy.fit.adequacy.verdicts import ForcedAdequacy
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
@@ -31,7 +31,13 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.coupled import Offset, free_offsets, free_shapes
-from romsindy.fit.records.driven import drives_of, inputs_in, refuse_displacement, regressed
+from romsindy.fit.records.driven import (
+    drives_of,
+    impulses_of,
+    inputs_in,
+    refuse_displacement,
+    regressed,
+)
 from romsindy.fit.records.modes import Modes, modes_near
 from romsindy.fit.records.smooth import Rivals, rated, ways
 from romsindy.fit.results.fitted import Fit, examined, refined
@@ -55,6 +61,7 @@ _ASTRAY = 0.7
 _CHANCE = 3.0  # standard deviations of what values too many take from the noise
 # A motion is sensitive where what its start does to it, at the end, is this part of the beginning.
 _SENSITIVE, _PARTS = 0.1, 10
+_OF_RECORDS = (Coefficient, Offset, Impulses)  # parts that every fit to other records makes anew
 
 
 def refined_forced(
@@ -259,7 +266,7 @@ class Driven:
         """In the longest pieces over which the model follows as well as over short ones."""
         best = short
         while count > 1:
-            model, beside = without_inputs(best.model), _but((Coefficient, Offset), best)
+            model, beside = without_inputs(best.model), _but(_OF_RECORDS, best)
             try:
                 fit = self._fit(model, beside, _cut(self._seen(best), count // 2))
             except TrajectoryError:
@@ -271,7 +278,17 @@ class Driven:
         return best
 
     def _fit(self, model: Equations, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
-        offsets = (free_offsets(records, c) for c in range(records[0].n_channels))
+        fit = self._once(model, beside, records)
+        if not any(isinstance(p.effect, Impulses) for p in fit.solution.parts):
+            return fit
+        # Hits are off by parts of what they do with the gain that was found, not the first one.
+        pairs = zip(records, fit.solution.motions, strict=True)
+        near, more = [r.with_motion(m) for r, m in pairs], _but(_OF_RECORDS, fit)
+        return replace(self._once(without_inputs(fit.model), more, near), records=tuple(records))
+
+    def _once(self, model: Equations, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
+        offsets = [free_offsets(records, c) for c in range(records[0].n_channels)]
+        offsets += impulses_of(beside, records)
         followed = partial(refined, free=self.names, loss=self.loss, progress=self.progress)
         if all(term.smooth for term in model.terms):
             return followed(model, records=records, more=(*beside, *offsets))

@@ -134,6 +134,7 @@ class NormalEquations:
         self.n_values = n_values
         self.matrix = np.zeros((self.size, self.size))
         self.right = np.zeros(self.size)
+        self.known = np.zeros(self.size)  # of the diagonal, what was known beforehand
         self.power = 0.0
 
     def add(self, where: Indices, rows: Array) -> None:
@@ -152,7 +153,7 @@ class NormalEquations:
         Where a residual is not white the covariance is the sandwich (J'J)^-1 J' S J (J'J)^-1, with
         S that of an autoregression. ``tables`` have the rows of each record, as in `add`.
         """
-        middle = np.zeros_like(self.matrix)
+        middle = np.diag(self.known)  # what is known beforehand is no colour
         for where, rows in tables:
             jacobian, residual = rows[:, :-1], rows[:, -1]
             a = autoregression(residual)
@@ -173,6 +174,7 @@ class NormalEquations:
             self.power += (off / spread) ** 2
             self.right[at] += off / spread**2
             self.matrix[at, at] += 1 / spread**2
+            self.known[at] += 1 / spread**2
 
     @property
     def finite(self) -> bool:

@@ -18,6 +18,7 @@ from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
 
 R = TypeVar("R", bound="Prepared")
+_ACCELERATION = 2
 
 
 class Prepared(ABC):
@@ -96,6 +97,18 @@ class Prepared(ABC):
     def turns(self) -> float:
         """Cycles of the slowest coordinate, in all."""
         return float(self.t[-1]) * float(self.frequencies.min())
+
+    @property
+    def compared(self) -> Array:
+        """1 for the samples that a simulation is compared with, (c n,).
+
+        0 in a hit where accelerations were measured: they show the noise of the force as well.
+        """
+        found = np.ones((self.n_channels, len(self.t)))
+        spans = [span for force in self.inputs.values() for span in force.spans]
+        for start, stop in spans if self.derivative == _ACCELERATION else ():
+            found[:, (self.since + self.t >= start) & (self.since + self.t <= stop)] = 0.0
+        return found.ravel()
 
     @property
     def count(self) -> float:
@@ -195,7 +208,7 @@ class Prepared(ABC):
 
     def missed(self, parts: Sequence[Part], number: int, of: Callable[[int], Array]) -> Array:
         """Measured minus that, (c n,)."""
-        return self.signal - self.shown(parts, number, of).shown
+        return self.compared * (self.signal - self.shown(parts, number, of).shown)
 
     def table(self, parts: Sequence[Part], number: int, x: Array, by_value: Array) -> Array:
         """Derivatives of the reading of a motion x, and its misfit, whitened: (c n, m + 1).
@@ -205,7 +218,8 @@ class Prepared(ABC):
         """
         reading = self.read(parts, number, x)
         jacobian = reading.by_all(by_value)
-        return self.whitened(np.column_stack([jacobian, self.signal - reading.shown]))
+        rows = np.column_stack([jacobian, self.signal - reading.shown])
+        return self.whitened(self.compared[:, None] * rows)
 
 
 def chi_squared_of(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:

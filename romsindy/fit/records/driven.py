@@ -5,13 +5,14 @@ And the inputs of a model in a fit: where their gains start, and which delays ar
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from romsindy.effects.outside import Drive, DriveAlong
+from romsindy.effects.outside import Drive, DriveAlong, Impulses
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.linear_response import nodes
 from romsindy.fit.kernel.linear_steps import NODES
@@ -21,7 +22,7 @@ from romsindy.fit.records.smooth import averaged, smooth_motion
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
-from romsindy.record.forced import ForcedVibration
+from romsindy.record.forced import ForcedVibration, Hit
 from romsindy.record.interpolation import Interpolation, of_steps
 from romsindy.record.noise import Noise
 from romsindy.record.spectrum import falling_power, quiet_power, quiet_std
@@ -35,6 +36,7 @@ _KEPT = 4  # tables: a fit asks for the same one again and again
 # Short records can have more, as long as all their steps are no more than so many.
 _STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
 _MOST_STEPS, AFFORDABLE = 40, 40_000
+_IN_HIT = 16  # steps, in a hit with its feet
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,7 @@ class Sampled:
     u: Array
     dt: float
     grid: Grid
+    hits: tuple[Hit, ...] = ()  # that it consists of, if it does
     tables: dict[Input, Array] = field(default_factory=dict, repr=False)
 
     def at(self, t: Array, term: Input) -> Array:
@@ -56,6 +59,17 @@ class Sampled:
         step = np.floor(place + 1e-6).astype(int)
         column = np.searchsorted(_BETWEEN, place - step)
         return table[step + column // 4, column % 4]
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Begin and end of each hit, s."""
+        return [(hit.at.start * self.dt, hit.at.stop * self.dt) for hit in self.hits]
+
+    def of_hits(self, t: Array, term: Input) -> Array:
+        """The same of each hit alone, (n_hits, n): up to the middle of the rest beside it."""
+        ends = [(a.at.stop + b.at.start) / 2 for a, b in itertools.pairwise(self.hits)]
+        number = np.searchsorted(ends, (t - self.grid.start) / self.dt)
+        return np.asarray((number == np.arange(len(self.hits))[:, None]) * self.at(t, term))
 
     def _table(self, term: Input) -> Array:
         """At the start and the Gauss points of each step, (n_steps + 1, 4)."""
@@ -109,8 +123,8 @@ def quiet_noise(y: Array, vibration: ForcedVibration, floor: float) -> Noise:
 
 
 def inputs_of_record(vibration: ForcedVibration, grid: Grid) -> dict[str, Sampled]:
-    columns = zip(vibration.names, vibration.u.T, strict=True)
-    return {name: Sampled(u, vibration.dt, grid) for name, u in columns}
+    """Inputs by name; forces are 0 where they rest."""
+    return {n: Sampled(w.u, vibration.dt, grid, w.hits) for n, w in vibration.windows.items()}
 
 
 def steps_for(vibration: ForcedVibration, affordable: int, fastest: float = 0.0) -> Grid:
@@ -119,8 +133,12 @@ def steps_for(vibration: ForcedVibration, affordable: int, fastest: float = 0.0)
     found = [_frequencies(y, vibration.dt, vibration.derivative) for y in channels]
     mean, highest = (max(several) for several in zip(*found, strict=True))
     cycle = min(1 / max(mean, fastest), _STEPS / _LEAST_STEPS / highest)
-    steps = int(np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS))
-    return Grid.over(t, cycle, steps)
+    steps = np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS)
+    # A pulse must be seen to bend; what is affordable is so all the same.
+    hits = [hit.at for w in vibration.windows.values() for hit in w.hits]
+    shortest = min((hit.stop - hit.start for hit in hits), default=np.inf) * vibration.dt
+    steps = np.clip(_IN_HIT * cycle / shortest, steps, max(steps, affordable * cycle / t[-1]))
+    return Grid.over(t, cycle, int(steps))
 
 
 def _frequencies(y: Array, dt: float, derivative: int) -> tuple[float, float]:
@@ -180,6 +198,24 @@ def drives_of(model: Equations, records: Sequence[Prepared]) -> tuple[Part, ...]
         drive = DriveAlong(*given, directions=(*gains,)) if model.numbered else Drive(*given)
         parts.append(Part(drive, drive.parameters(), np.array([[*gains.values()]])))
     return tuple(parts)
+
+
+def impulses_of(drives: Sequence[Part], records: Sequence[Prepared]) -> tuple[Part, ...]:
+    """What each hit may have been stronger than its samples say, from nothing on."""
+    found = []
+    for part in drives:
+        if not isinstance(drive := part.effect, Drive):
+            continue
+        inputs = [r.inputs.get(drive.of.source) for r in records]
+        several = [x.hits for x in inputs if isinstance(x, Sampled)]
+        count = max(map(len, several), default=0)
+        if not count:
+            continue
+        error = float(np.sqrt(np.mean([hit.error**2 for hits in several for hit in hits])))
+        gains = np.asarray(part.strengths[0] @ np.array(drive.directions))
+        effect = Impulses(drive.term(), tuple(gains.tolist()), count)
+        found.append(Part(effect, (), np.zeros((len(records), count)), error))
+    return tuple(found)
 
 
 def freed(drive: Drive, gain: float) -> Part:

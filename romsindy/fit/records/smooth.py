@@ -111,7 +111,7 @@ _SAID: dict[Interpolation, str] = {
 
 
 def ways(vibrations: Sequence[ForcedVibration]) -> tuple[Interpolation, ...]:
-    """What the inputs of records may do: what is said of them, or anything.
+    """What the inputs of records may do: what is said of them, or anything; a hit is no converter.
 
     Raises a ValueError if two records say different things.
     """
@@ -120,7 +120,8 @@ def ways(vibrations: Sequence[ForcedVibration]) -> tuple[Interpolation, ...]:
         raise ValueError(
             f"interpolation = {sorted(said_so)} differs between records: fit those of one kind"
         )
-    return tuple(said_so) or INTERPOLATIONS
+    hits = all(window.hits for v in vibrations for window in v.windows.values())
+    return tuple(said_so) or (INTERPOLATIONS[:1] if hits else INTERPOLATIONS)
 
 
 def deviance(residuals: Sequence[Array]) -> float:
