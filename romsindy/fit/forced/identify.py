@@ -6,6 +6,7 @@ Terms are chosen by what each gains on stretches of the records that are left ou
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +48,7 @@ from romsindy.text import percent
 from romsindy.typing import Array
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
+_FAR = 0.05  # of the response, that a linear fit leaves which tells no terms
 _LOST = 2.0  # times as much left as before: no choice of terms does that
 _STRETCHES = 8  # in all, each left out in turn
 
@@ -181,9 +183,7 @@ class _TermSearch:
 
         And the search from motions that do not lead them astray.
         """
-        kept: tuple[Term, ...] = ()
-        search = self
-        fit = self.fitted(kept, inputs)
+        search, (fit, kept) = self, self.started(inputs)
         motions = [r.motion for r in fit.records]
         for number in range(_ROUNDS):
             self.say(f"terms, round {number + 1}")
@@ -201,6 +201,16 @@ class _TermSearch:
                 break
             fit, kept, motions = after, new, list(after.solution.motions)
         return kept, search
+
+    def started(self, inputs: Sequence[Input]) -> tuple[Fit, tuple[Term, ...]]:
+        """Linear terms alone, or where these lose the motion those of the commonest bend beside."""
+        plain, cubic = self.fitted((), inputs), tuple(t for t in self.laws if t == Stiffness(3))
+        if cubic and plain.verdict.part > _FAR:
+            with suppress(TrajectoryError):
+                bent = self.fitted(cubic, inputs)
+                if _lost(plain, bent):
+                    return bent, cubic
+        return plain, ()
 
     def about(self, motions: Sequence[Trajectory]) -> _TermSearch:
         """The same from other motions than those that were measured, where none are pieces."""

@@ -53,7 +53,7 @@ from romsindy.record.recording import Given
 from romsindy.record.ringing import require_channels
 from romsindy.typing import Array
 
-_CYCLES = 20.0  # in the shortest pieces
+_CYCLES, _AFTER_HIT = 20.0, 5.0  # in the shortest pieces; of free ones few tell as much
 _MOST = 40  # pieces
 # A whole record is fitted at another minimum where short pieces leave so much less of it; a little
 # less they always leave where the form of the equation is not quite right.
@@ -249,7 +249,7 @@ class Driven:
         sure = whole is not None and whole.solution.converged and _felt(whole) <= _SENSITIVE
         if whole is not None and (whole.solution.interrupted or sure):
             return whole
-        count = min(round(_turns(self.records) / _CYCLES), _MOST)
+        count = min(round(_turns(self.records) / (_AFTER_HIT if self._hit else _CYCLES)), _MOST)
         short = None
         if count > 1 and not model.memories:  # what is remembered goes from piece to piece
             with suppress(TrajectoryError):
@@ -258,9 +258,17 @@ class Driven:
             if whole is None:
                 raise failure
             return whole
-        if whole is not None and _felt(whole) <= 1 and _as_well(whole, short):
+        if whole is not None and not self._chaotic(whole) and _as_well(whole, short):
             return whole
         return self._longer(short, count)
+
+    @property
+    def _hit(self) -> bool:
+        return any(force.spans for r in self.records for force in r.inputs.values())
+
+    def _chaotic(self, fit: Fit) -> bool:
+        """Whether small errors of a start grow. Between hits a phase goes astray, and no faster."""
+        return not self._hit and _felt(fit) > 1
 
     def _longer(self, short: Fit, count: int) -> Fit:
         """In the longest pieces over which the model follows as well as over short ones."""
@@ -272,7 +280,7 @@ class Driven:
             except TrajectoryError:
                 break
             # Where the motion is chaotic, longer pieces seem to say more than they do.
-            if _felt(fit) > 1 or not _by_chance(fit, short):
+            if self._chaotic(fit) or not _by_chance(fit, short):
                 break
             best, count = fit, count // 2
         return best
