@@ -99,7 +99,7 @@ def batch(
     nothing. The same command goes on where it was interrupted (Ctrl-C), and does again only what
     has changed.
     """
-    asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked)})
+    asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked) if f.name in options})
     entries = entries_of(source, out)
     _check(entries, source, out, compare)
     job = Job(options, Selection(mode, band, release), asked, out / _PAGES if pages else None)

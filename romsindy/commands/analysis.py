@@ -35,6 +35,7 @@ class Asked:
     seed: int
     fix: Mapping[str, float]
     curvature: float | None
+    damping_split: bool | None = None
 
     def fit(
         self,
@@ -49,6 +50,7 @@ class Asked:
             coordinates,
             fixed=self.fix,
             curvature=self.curvature,
+            damping_split=self.damping_split,
             seed=self.seed,
             progress=progress,
             **model,

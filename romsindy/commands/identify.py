@@ -214,7 +214,8 @@ EXCLUDED = (
 _DRIVEN = ("select", "order", "damping", "held-out")
 _HEADINGS = {
     "Reading": f"{READING} --example",
-    "What is looked for": "--mode --band --release --coordinates --fix --curvature --seed",
+    "What is looked for": "--mode --band --release --coordinates --fix --curvature"
+    " --damping-split --seed",
     "Measured inputs": f"{INPUTS} --select --order --damping --held-out",
     "Output": "--jobs --full --report --interactive --json --model --save --figure --force",
 }
@@ -245,6 +246,12 @@ _HEADINGS = {
     show_default=f"{CURVATURE:g}",
     help="How far the sensor may be off a straight line at the largest amplitude, as a part of it"
     " (one standard deviation); 0 of one that is straight.",
+)
+@click.option(
+    "--damping-split/--no-damping-split",
+    default=None,
+    help="Tell apart how much of the damping of a decay is linear, how much quadratic.  [default:"
+    " of angles]",
 )
 @jobs_option
 @answer_options

@@ -168,6 +168,7 @@ class Result:
         return {
             "linear": {"amplitude": _LOW * float(b.amplitude.max()), **linear},
             "structure": str(r.series.structure) if r.series else None,
+            "damping": r.series.damping._asdict() if r.series and r.series.damping else None,
             "backbone": {
                 name + end: getattr(b, name + end) / unit
                 for name, unit in per_cycle.items()

@@ -15,7 +15,7 @@ from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify_decays
 from romsindy.fit.records.arguments import listed_records, several_decays
-from romsindy.fit.refine import refine, refine_terms
+from romsindy.fit.refine import refine, refine_terms, with_damping_split, with_limit_cycle
 from romsindy.fit.results.fitted import Fit
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.term import Term
@@ -25,6 +25,7 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
 
 Measured = Decay | ForcedVibration
+_ANGLES = ("rad", "deg")
 
 
 def identify(
@@ -35,6 +36,7 @@ def identify(
     fixed: Mapping[str, float] | None = None,
     order: int = 5,
     curvature: float | None = None,
+    damping_split: bool | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Identification | Fit:
@@ -60,6 +62,9 @@ def identify(
     curvature : float, optional
         How far the sensor of a decay may be off a straight line at the largest amplitude, as a part
         of that: one standard deviation; 1 % by default, 0 where it is straight.
+    damping_split : bool, optional
+        Whether linear and quadratic damping of decays of one coordinate are told apart, as
+        `Identification.damping`; by default those of angles are: ships roll, platforms pitch.
     seed : int
         Of the draws behind the bands of functions.
     progress : callable, optional
@@ -99,9 +104,13 @@ def identify(
     if one and not driven and all(r.n_channels == 1 for r in several):
         known = CURVATURE if curvature is None else curvature
         decays = several_decays(several)
-        return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
+        found = identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
+        found = with_limit_cycle(found, progress)
+        wanted = decays[0].unit in _ANGLES if damping_split is None else damping_split
+        return with_damping_split(found, progress) if wanted else found
     where = "where inputs drive the motion" if driven else "for several channels or coordinates"
     _require(curvature is None, "curvature", curvature, f"left out {where}")
+    _require(not damping_split, "damping_split", damping_split, f"left out {where}")
     if laws is not None:
         start = model_with_terms(several, coordinates, laws, fixed or {})
         return refine(start, several, fixed=tuple(fixed or ()), progress=progress)

@@ -9,19 +9,22 @@ motions (`romsindy.fit.kernel.shooting`). Its errors are checked by a parametric
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.linalg import LinAlgError
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.forced.refine import refined_forced
+from romsindy.fit.functions.identification import DampingSplit, Identification, LimitCycle
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.hypothesis import with_memories
 from romsindy.fit.kernel.part import LINEAR, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.kernel.shooting import LOSSES, shoot
+from romsindy.fit.process_noise import SIGMAS, normal_draws, wider
 from romsindy.fit.records.arguments import (
     free_names,
     listed_records,
@@ -38,14 +41,23 @@ from romsindy.fit.records.record import NUMERICS, Record
 from romsindy.fit.results.fitted import Fit, examined, refined
 from romsindy.fit.results.predict import form_of
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.damping import PositionDamping, PowerDamping
 from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
+from romsindy.record.backbone import PQ
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
 from romsindy.typing import Array
+
+# A damping ratio that falls: at these parts of the reach, by so many standard errors, and to 0 at
+# so many times the reach at most; where it is looked for, in parts of the reach.
+_FALLS, _TOLD, _FORETOLD, _SOUGHT = np.array([0.2, 0.95]), 3.0, 2.5, (0.5, 4.0, 120)
+_UNSEEN = (
+    0.1  # of the first power of a function of q, what a second is expected to add at the reach
+)
 
 
 def refine(
@@ -143,6 +155,97 @@ def refine_terms(
     values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
     model = ReducedModel(laws, values, several[0].unit)
     return refine(model, several, fixed=tuple(fixed), progress=progress)
+
+
+def with_damping_split(
+    found: Identification, progress: Callable[[str], None] | None = None
+) -> Identification:
+    """The same with how much of its damping is linear, how much quadratic.
+
+    As it is, with a note, where these two do not follow the decays or cannot be told.
+    """
+    short, decays = found.short, [record.decay for record in found.records]
+    terms = [t for t in short.model.terms if t.has("stiffness") or t.has("inertia")]
+    known = {n: v for n, v in found.model.coefficients.items() if n not in found.free}
+    held = {t.key: known[t.key] for t in terms if t.key in known}
+    drag = PowerDamping(2)
+    try:
+        fit = refine_terms(decays, [*terms, drag], held, progress)
+        read = PQ.of(decays)
+    except (ValueError, TrajectoryError, LinAlgError) as error:
+        note = f"linear and quadratic damping are not told apart: {error}"
+        return replace(found, notes=(*found.notes, note))
+    values = fit.model.coefficients
+    names = [law.key for law in (PowerDamping(1), drag)]
+    # Waves are about as slow as the motion: each half-cycle tells one value of them, no more.
+    freedom = 2 * sum(record.turns for record in fit.records) - fit.solution.n_values
+    by = SIGMAS * wider(max(freedom, 1.0))
+    linear, quadratic = (
+        (v, v - by * e, v + by * e) for v, e in ((values[n], fit.standard_errors[n]) for n in names)
+    )
+    pairs = zip(read.values.tolist(), read.errors.tolist(), strict=True)
+    p, q = ((v, v - SIGMAS * e, v + SIGMAS * e) for v, e in pairs)
+    split = DampingSplit(linear, quadratic, fit.verdict.explained, p, q, read.half_cycles)
+    return replace(found, damping=split)
+
+
+def with_limit_cycle(
+    found: Identification, progress: Callable[[str], None] | None = None
+) -> Identification:
+    """The same with the unstable limit cycle that it foretells; as it is where it foretells none.
+
+    The damping ratio of two forms, cubic and a function of q, is followed to where it is 0. Of the
+    second a further power may grow unseen beyond the data: no more than a part of what the first
+    does is expected of it. The likelier one has the value, the interval holds both.
+    """
+    reach = min(map(abs, found.reach))
+    low, high = found.band(reach * _FALLS).damping_ratio
+    errors = found.band(reach * _FALLS).damping_ratio_std
+    # On a straight line over the square of the amplitude it is 0 at:
+    falls, squares = low - high, (reach * _FALLS) ** 2
+    zero = squares[1] + high * np.ptp(squares) / falls if falls > 0 else np.inf
+    if not (falls > _TOLD * np.hypot(*errors) and high > 0 and zero < (_FORETOLD * reach) ** 2):
+        return found
+    decays, short = [record.decay for record in found.records], found.short.model
+    bent = [t for t in short.terms if t.has("stiffness") or t.has("inertia")]
+    forms = (PowerDamping(3),), (PositionDamping(2), PositionDamping(4))
+    crossings: list[tuple[float, Array]] = []
+    for form in forms:
+        try:
+            fit = refine_terms(decays, [*bent, *form], {}, progress)
+        except (ValueError, TrajectoryError, LinAlgError):
+            continue
+        price = fit.chi_squared + len(fit.free) * np.log(sum(len(d.t) for d in decays))
+        crossings.append((price, _crossings(fit, reach)))
+    crossings.sort(key=lambda priced: priced[0])
+    every = np.array([np.percentile(a, [2.5, 50, 97.5]) for _, a in crossings])
+    if not len(every) or not np.all(np.isfinite(every)):
+        note = "the damping falls with amplitude, and no limit cycle is told by the data"
+        return replace(found, notes=(*found.notes, note))
+    cycle = LimitCycle(float(every[0, 1]), float(every[:, 0].min()), float(every[:, 2].max()))
+    return replace(found, limit_cycle=cycle)
+
+
+def _crossings(fit: Fit, reach: float) -> Array:
+    """Amplitudes at which the damping ratio of draws of a fit is 0; inf where it is not."""
+    values = fit.model.coefficients
+    at = np.array([values[n] for n in fit.free])
+    covariance = fit.covariance
+    names = [PositionDamping(k).key for k in (2, 4)]
+    if names[1] in fit.free:
+        i, expected = fit.free.index(names[1]), _UNSEEN * abs(values[names[0]]) / reach**2
+        gain = covariance[:, i] / (covariance[i, i] + expected**2)
+        at = at - gain * at[i]
+        covariance = covariance - np.outer(gain, covariance[i])
+    draws = at + normal_draws(covariance, np.random.default_rng(0))
+    a = reach * np.linspace(*_SOUGHT)
+    found = np.full(len(draws), np.inf)
+    for k, draw in enumerate(draws):
+        ratio = replace(fit.single_model, values=tuple(draw)).damping_ratio(a)
+        beyond = np.flatnonzero(ratio <= 0)
+        if len(beyond) and (i := int(beyond[0])) > 0:
+            found[k] = np.interp(0.0, [ratio[i], ratio[i - 1]], [a[i], a[i - 1]])
+    return found
 
 
 def _seen(

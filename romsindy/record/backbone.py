@@ -207,6 +207,7 @@ _WHITE = np.ones(1)
 _LEVER = 0.01
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
+_LEAST_OF_LINE = 3  # half-cycles, for a line and the scatter about it
 _SHARED = 0.03  # by how much an amplitude may be outside of those that are compared
 
 
@@ -330,6 +331,43 @@ def joined(backbones: Sequence[Backbone]) -> Backbone:
     names = [f.name for f in fields(Backbone) if f.name != "unit"]
     values = {n: np.concatenate([getattr(b, n) for b in backbones]) for n in names}
     return Backbone(**values, unit=backbones[0].unit)
+
+
+class PQ(NamedTuple):
+    """What the P-Q method reads off the turning points of decays.
+
+    The loss of a half-cycle over its mean amplitude, against that amplitude, is a straight line:
+    P = pi c_linear / (2 omega), Q = 4 c_quadratic / 3. Weighed alike, as that method does.
+    """
+
+    values: Array  # (2,), c_linear in 1/s and c_quadratic in one over the unit of q
+    errors: Array  # (2,), standard errors by the scatter about the line
+    half_cycles: int
+
+    @classmethod
+    def of(cls, decays: Sequence[Decay]) -> PQ:
+        """Of free decays together.
+
+        Raises a ValueError if they have fewer than four turning points.
+        """
+        sizes, losses, rates = [], [], []
+        for decay in decays:
+            _, about = half_cycles(fine := decay.single().upsampled())
+            period = 2 * np.diff(about)
+            turning = LocalValues.of(fine, (about[1:] + about[:-1]) / 2, period, PEAK)
+            a = np.abs(turning.value)
+            sizes.append((a[1:] + a[:-1]) / 2)
+            losses.append((a[:-1] - a[1:]) / sizes[-1])
+            rates.append(2 * np.pi / period)
+        size, loss = np.concatenate(sizes), np.concatenate(losses)
+        if len(size) < _LEAST_OF_LINE:
+            raise ValueError(f"the decays have {len(size)} half-cycles: the P-Q method needs three")
+        line = np.column_stack([np.ones_like(size), size])
+        found, *_ = np.linalg.lstsq(line, loss, rcond=None)
+        variance = np.sum((loss - line @ found) ** 2) / (len(size) - 2)
+        covariance = variance * np.linalg.inv(line.T @ line)
+        to = np.array([2 * float(np.mean(np.concatenate(rates))) / np.pi, 0.75])
+        return cls(to * found, to * np.sqrt(np.diag(covariance)), len(size))
 
 
 def extract_backbone(decay: Decay, *, cycles: int | None = None) -> Backbone:

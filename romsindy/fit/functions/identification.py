@@ -43,7 +43,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import content_of, json_text, term_of
-from romsindy.physics.validation import array, finite, several, whole
+from romsindy.physics.validation import array, finite, several, table, whole
 from romsindy.text import TextTable, as_text, percent, with_band, with_error
 from romsindy.typing import Array
 
@@ -297,6 +297,55 @@ def _damped(
     return _Shortening(terms, set(range(len(own))), known, target, np.zeros(len(a)), table, read)
 
 
+class DampingSplit(NamedTuple):
+    """How much of the damping is linear, and how much quadratic: c_linear and c_quadratic.
+
+    Fitted with these two alone, beside the stiffness and inertia of the equation in short. Each has
+    its value and the ends of its 95 % interval; beside them what the P-Q method reads off.
+    """
+
+    linear: tuple[float, float, float]  # 1/s
+    quadratic: tuple[float, float, float]  # one over the unit of q
+    explained: bool  # whether these two leave noise
+    linear_by_p_q: tuple[float, float, float]
+    quadratic_by_p_q: tuple[float, float, float]
+    half_cycles: int  # that the P-Q method has
+
+    def sentence(self, unit: str | None) -> str:
+        """Both as fitted, with their intervals."""
+        (one, ends), (other, more) = with_band(*self.linear), with_band(*self.quadratic)
+        each = f"{one} ({ends}) 1/s linear, {other} ({more}) 1/{unit or '[q]'} quadratic"
+        return f"Damping by these two alone: {each}{'' if self.explained else ', not explained'}."
+
+    def table(self, unit: str | None) -> TextTable:
+        """Both, by both ways."""
+        head = ["", "linear [1/s]", "95 %", f"quadratic [1/{unit or '[q]'}]", "95 %"]
+        fitted = [*with_band(*self.linear), *with_band(*self.quadratic)]
+        read = [*with_band(*self.linear_by_p_q), *with_band(*self.quadratic_by_p_q)]
+        rows = [head, ["fitted", *fitted], [f"P-Q, {self.half_cycles} half-cycles", *read]]
+        note = "" if self.explained else "Damping is not these two alone: more than noise is left."
+        return TextTable("Linear and quadratic damping", rows, note)
+
+
+class LimitCycle(NamedTuple):
+    """The amplitude at which the damping ratio, which falls with amplitude, is 0; 95 % interval.
+
+    From larger ones the motion grows. Its ends are inf where the data do not tell that it is.
+    """
+
+    amplitude: float
+    low: float
+    high: float
+
+    def sentence(self, unit: str | None) -> str:
+        """That it is foretold, and where."""
+        value, ends = with_band(self.amplitude, self.low, self.high)
+        return (
+            "The damping falls with amplitude: an unstable limit cycle is foretold at"
+            f" {value} {unit or '[q]'} ({ends}), and from larger amplitudes the motion grows."
+        )
+
+
 _BAND_DRAWS = 100
 _FEW = 0.1
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
@@ -330,6 +379,10 @@ class Identification(Estimate):
     residuals : tuple of arrays
         Measured minus one simulation of each record by the equation, unit of the measured
         quantity; inf where it has no motion there. Not saved.
+    damping : DampingSplit, optional
+        How much of the damping is linear, how much quadratic, where that was asked.
+    limit_cycle : LimitCycle, optional
+        The unstable one that is foretold where the damping falls with amplitude, beyond the data.
 
     Examples
     --------
@@ -347,6 +400,8 @@ class Identification(Estimate):
     reach: tuple[float, float]
     records: tuple[Record, ...] = ()
     residuals: tuple[Array, ...] = ()
+    damping: DampingSplit | None = None
+    limit_cycle: LimitCycle | None = None
 
     def _models_of(self, samples: Array) -> list[ReducedModel]:
         return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in samples]
@@ -474,6 +529,7 @@ class Identification(Estimate):
                 "Damping ratio: energy lost in a cycle / 2 pi a dE/da.",
             ),
             self.coefficients(),
+            *([] if self.damping is None else [self.damping.table(self.model.unit)]),
         ]
 
     def conclusions(self) -> list[str]:
@@ -490,7 +546,8 @@ class Identification(Estimate):
             else f"no motion at {size:.3g} {unit}"
             for size, f, df, z, dz in self._along(0.1, 0.95)
         ]
-        return [f"{self.structure}.", f"Frequency and damping ratio: {', '.join(each)}."]
+        more = [p.sentence(self.model.unit) for p in (self.damping, self.limit_cycle) if p]
+        return [f"{self.structure}.", f"Frequency and damping ratio: {', '.join(each)}.", *more]
 
     def _others(self) -> str:
         equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
@@ -579,6 +636,9 @@ class Identification(Estimate):
             "widest": self.widest,
             "reach": self.reach,
         }
+        for name in ("damping", "limit_cycle"):
+            if (part := getattr(self, name)) is not None:
+                content[name] = part._asdict()
         return json_text(content)
 
     @classmethod
@@ -616,6 +676,8 @@ class Identification(Estimate):
             samples=_draws("samples", content["samples"], len(terms)),
             widest=_draws("widest", content["widest"], len(terms)),
             reach=_reach(content["reach"]),
+            damping=_split(content["damping"]) if "damping" in content else None,
+            limit_cycle=_cycle(content["limit_cycle"]) if "limit_cycle" in content else None,
         )
 
 
@@ -627,6 +689,23 @@ def _draws(name: str, value: Any, n_terms: int) -> Array:
             " each term of richest"
         )
     return draws
+
+
+def _split(value: Any) -> DampingSplit:
+    given = table("damping", value)
+    if {*given} != {*DampingSplit._fields}:
+        raise ValueError(f"damping holds {sorted(given)}: give {sorted(DampingSplit._fields)}")
+    several_of = {n: several(finite)(n, x) for n, x in given.items() if isinstance(x, list)}
+    if any(len(x) != 3 for x in several_of.values()):
+        raise ValueError("damping has values that are not three numbers: value, low and high")
+    return DampingSplit(**{**given, **several_of})
+
+
+def _cycle(value: Any) -> LimitCycle:
+    given = table("limit_cycle", value)
+    if {*given} != {*LimitCycle._fields}:
+        raise ValueError(f"limit_cycle holds {sorted(given)}: give {sorted(LimitCycle._fields)}")
+    return LimitCycle(**{name: finite(name, x) for name, x in given.items()})
 
 
 def _reach(value: Any) -> tuple[float, float]:
