@@ -26,6 +26,7 @@ from timing import fastest
 
 import romsindy as rs
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse
+from romsindy.physics.export import auto_function
 
 AUTO_DIR = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 LOW, HIGH = 0.01, 2.9
@@ -96,28 +97,6 @@ def icrom(repeats: int = 5) -> dict[str, Row]:
 
 # -- AUTO-07p ---------------------------------------------------------------------------------
 
-_EQUATIONS = """
-subroutine func(ndim, u, icp, par, ijac, f, dfdu, dfdp)
-  integer ndim, icp(*), ijac
-  double precision u(ndim), par(*), f(ndim), dfdu(ndim, ndim), dfdp(ndim, *)
-  f(1) = u(2)
-  f(2) = -u(1) - u(1)**3 + par(1)*u(2)
-end subroutine
-subroutine stpnt(ndim, u, par, t)
-  integer ndim
-  double precision u(ndim), par(*), t
-  u = 0
-  par(1) = -0.1d0
-end subroutine
-subroutine bcnd
-end subroutine
-subroutine icnd
-end subroutine
-subroutine fopt
-end subroutine
-subroutine pvls
-end subroutine
-"""
 _COMMON = (
     "NDIM=2, ILP=0, NCOL=4, IAD=3, ISW=1, IPLT=0, NBC=0, NINT=0, MXBF=0, IID=0, ITMX=9, ITNW=5,"
     " NWTN=3, JAC=0, EPSL=1e-9, EPSU=1e-9, EPSS=1e-6, IADS=1, DSMIN=1e-5\n"
@@ -139,7 +118,7 @@ def auto_07p(intervals: int, repeats: int = 5) -> Row | None:
             (here / "fort.2").write_text(_COMMON + constants)
             subprocess.run([here / "duffing"], cwd=here, check=True, capture_output=True)
 
-        (here / "duffing.f90").write_text(_EQUATIONS)
+        (here / "duffing.f90").write_text(auto_function(DUFFING.pairs, "", DUFFING.coordinates))
         command = [compiler, "-O2", "-fopenmp", "duffing.f90", *objects, "-o", "duffing"]
         subprocess.run(command, cwd=here, check=True, capture_output=True)
         run(_REST)

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from test_coupled import COUPLED
 from test_physics_laws import ALL, COMBINED, Ripple
@@ -20,7 +22,7 @@ from romsindy.commands.main import main
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
-from romsindy.physics.export import symbols
+from romsindy.physics.export import auto_function, symbols
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import ForceLaw
@@ -117,7 +119,7 @@ def filled(matrix, state):
 def test_sympy_accelerates_as_several_coordinates_do(title):
     model, q, q_dot, expected = several(title)
     inertia, force = (filled(x, np.hstack([q, q_dot])) for x in model.to_sympy())
-    np.testing.assert_allclose(inertia, np.moveaxis(model.inertia(q), 0, -1), atol=1e-14)
+    assert_allclose(inertia, np.moveaxis(model.inertia(q), 0, -1), atol=1e-14)
     # M is well conditioned: rounding of some twenty products, of forces up to 100.
     error = np.abs(solved(inertia, force[:, 0]) - expected)
     assert np.max(error) < 1e-12 * np.max(np.abs(expected))
@@ -285,9 +287,7 @@ def evaluated_driven(expression):
 
 
 def test_sympy_accelerates_under_inputs():
-    np.testing.assert_allclose(
-        evaluated_driven(DRIVEN.to_sympy()), driven_acceleration(), atol=1e-13
-    )
+    assert_allclose(evaluated_driven(DRIVEN.to_sympy()), driven_acceleration(), atol=1e-13)
 
 
 def test_matlab_accelerates_under_inputs():
@@ -303,7 +303,7 @@ def test_matlab_accelerates_under_inputs():
         body = body.replace(matlab, python)
     names = {"y": (None, Q, Q_DOT).__getitem__, "t": NOW, **functions()}
     exec(body, names)
-    np.testing.assert_allclose(names["dy"][1], driven_acceleration(), atol=1e-13)
+    assert_allclose(names["dy"][1], driven_acceleration(), atol=1e-13)
 
 
 @needs_compiler
@@ -318,7 +318,7 @@ def test_compiled_c_accelerates_under_inputs(tmp_path):
     values = [pushes(NOW - 1 / 300)["force"], pushes(NOW + 0.25)["base"]]
     values += [pushes(NOW)["force_2"], pushes(NOW - 0.5)["force"] ** 3]
     found = np.array([rates(NOW, y, *values) for y in np.stack([Q, Q_DOT], axis=1)])
-    np.testing.assert_allclose(found[:, 1], driven_acceleration(), atol=1e-13)
+    assert_allclose(found[:, 1], driven_acceleration(), atol=1e-13)
 
 
 @needs_compiler
@@ -353,7 +353,7 @@ def test_command_exports_inputs(run, tmp_path):
     (tmp_path / "model.json").write_text(DRIVEN.to_json())
     names = {}
     exec(run("model.json", "--to", "sympy").output, names)
-    np.testing.assert_allclose(evaluated_driven(names["q_ddot"]), driven_acceleration(), atol=1e-13)
+    assert_allclose(evaluated_driven(names["q_ddot"]), driven_acceleration(), atol=1e-13)
     assert run("model.json", "--to", "c").output == DRIVEN.to_c() + "\n"
     assert run("model.json", "--to", "matlab").output == DRIVEN.to_matlab() + "\n"
     assert "inputs" in run("--help").output
@@ -387,7 +387,7 @@ def test_sympy_script_runs_and_keeps_every_digit(run, tmp_path, model):
     (tmp_path / "model.json").write_text(model.to_json())
     names = {}
     exec(run("model.json", "--to", "sympy").output, names)
-    np.testing.assert_allclose(evaluated(names["q_ddot"]), evaluated(model.to_sympy()), rtol=1e-13)
+    assert_allclose(evaluated(names["q_ddot"]), evaluated(model.to_sympy()), rtol=1e-13)
 
 
 @each_of_several
@@ -398,7 +398,7 @@ def test_command_exports_several_coordinates(run, tmp_path, title):
     exec(run("model.json", "--to", "sympy").output, names)
     state = np.hstack([q, q_dot])
     for ours, theirs in zip((names["inertia"], names["force"]), model.to_sympy(), strict=True):
-        np.testing.assert_allclose(filled(ours, state), filled(theirs, state), atol=1e-13)
+        assert_allclose(filled(ours, state), filled(theirs, state), atol=1e-13)
     assert run("model.json", "--to", "c").output == model.to_c() + "\n"
 
 
@@ -426,3 +426,48 @@ def test_files_without_a_model_are_refused(run, tmp_path, text):
     (tmp_path / "model.json").write_text(text)
     refused = run("model.json", "--to", "c")
     assert refused.exit_code == 2 and refused.stderr.startswith("Error: model.json: ")
+
+
+ORBIT = {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.1, "c_quadratic": 0.2}
+
+
+@pytest.mark.skipif(shutil.which("gfortran") is None, reason="there is no Fortran compiler")
+def test_auto_has_the_acceleration_of_the_model(tmp_path):
+    """The subroutine that AUTO calls, compiled, with its damping that makes up for losses."""
+    model = ReducedModel.from_coefficients(ORBIT)
+    driver = """program main
+  double precision :: u(2), par(36), f(2), dfdu(2, 2), dfdp(2, 36)
+  integer :: icp(1), ios
+  par(1) = 0.25d0
+  do
+    read(*, *, iostat=ios) u
+    if (ios /= 0) exit
+    call func(2, u, icp, par, 0, f, dfdu, dfdp)
+    print '(2es25.16)', f
+  end do
+end program
+"""
+    text = auto_function(model.pairs, str(model), model.coordinates)
+    (tmp_path / "model.f90").write_text(f"{text}\n{driver}")
+    subprocess.run(["gfortran", "model.f90", "-o", "model"], cwd=tmp_path, check=True)
+    points = "\n".join(f"{q!r} {v!r}" for q, v in zip(Q.tolist(), Q_DOT.tolist(), strict=True))
+    ran = subprocess.run(
+        [tmp_path / "model"], input=points, capture_output=True, text=True, check=True
+    )
+    rows = np.array([line.split() for line in ran.stdout.splitlines()], float)
+    assert_allclose(rows[:, 0], Q_DOT, rtol=1e-15)
+    expected = model.acceleration(Q, Q_DOT) + 0.25 * Q_DOT
+    assert_allclose(rows[:, 1], expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (COUPLED, "one coordinate"),
+        (ReducedModel.from_coefficients({"omega^2": 4.0, "gain [force]": 1.0}), "driven by force"),
+        (ReducedModel.from_coefficients({"omega^2": 4.0, "c_coulomb": 1.0}), "c_coulomb jumps"),
+    ],
+)
+def test_auto_is_not_given_what_it_does_not_know(model, words):
+    with pytest.raises(ValueError, match=words):
+        auto_function(model.pairs, "", model.coordinates)

@@ -21,7 +21,7 @@ from romsindy.commands.outputs import Output, WritingCommand, keep_inputs, write
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.equations import Equations
-from romsindy.physics.export import python_script
+from romsindy.physics.export import FREEDOMS, auto_function, openfast_damping, python_script
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term_sum import read_json
 from romsindy.physics.validation import several, table
@@ -43,11 +43,11 @@ from romsindy.typing import Array
 _STDOUT = Path("-")
 _MARK = "romsindy export"
 _HEADINGS = {
-    "What is written": "--to --deck --short --name --output --force",
+    "What is written": "--to --deck --short --name --inertia --freedom --output --force",
     "Both decks in time": "--dynamic --measured --cycles --steps",
     "Reading of the measurement": f"{READING} --release",
 }
-_COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
+_COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#", "auto": "!", "openfast": "!"}
 
 
 @click.command(cls=WritingCommand, headings=_HEADINGS)
@@ -55,10 +55,20 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
 @click.option(
     "--to",
     "language",
-    type=click.Choice(["matlab", "c", "sympy", "text", "deck"]),
+    type=click.Choice(["matlab", "c", "sympy", "text", "auto", "openfast", "deck"]),
     required=True,
-    help="A function for ode45, a C99 function, Python with sympy, the equation to be read, or with"
-    " --deck a corrected deck of CalculiX.",
+    help="A function for ode45, a C99 function, Python with sympy, the equation to be read, the"
+    " equations of AUTO-07p, the damping of HydroDyn, or with --deck a corrected deck of CalculiX.",
+)
+@click.option(
+    "--inertia",
+    type=click.FloatRange(0, min_open=True),
+    help="With --to openfast: the mass, kg, or the moment of inertia, kg m^2, with added mass.",
+)
+@click.option(
+    "--freedom",
+    type=click.Choice(FREEDOMS),
+    help="With --to openfast: which of the platform q is.",
 )
 @click.option(
     "--deck",
@@ -104,6 +114,8 @@ def export(
     output: Path,
     short: bool,
     name: str | None,
+    inertia: float | None,
+    freedom: str | None,
     dynamic: bool,
     measured: tuple[Path, ...],
     cycles: int,
@@ -111,14 +123,20 @@ def export(
     release: int | None,
     **reading: Any,
 ) -> None:
-    """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
+    """Write the equation of motion in FILE for MATLAB, C, sympy, AUTO or OpenFAST, or as text.
 
     FILE is a model (JSON): identify --model, identify --save, Fit.save and diagnose --json write
     such.
 
-    Measured inputs become arguments: functions of time in MATLAB and sympy, values in C.
+    Measured inputs become arguments: functions of time in MATLAB and sympy, values in C. For
+    OpenFAST the linear and quadratic damping are written that identify --damping-split told apart.
     """
     text = text_of(file)
+    if (language == "openfast") != (inertia is not None and freedom is not None):
+        raise click.UsageError(
+            "--to openfast, --inertia and --freedom go together, such as --to openfast --inertia"
+            " 1.2e10 --freedom roll"
+        )
     if (language == "deck") != (deck_file is not None):
         raise click.UsageError("--to deck and --deck, the deck that was diagnosed, go together")
     if not dynamic and (alone := on_command_line([*_OF_TIME, *reading])):
@@ -146,6 +164,11 @@ def export(
             with named(f"{deck_file}"):
                 _in_time(found, given, plans, steps, aside=output == _STDOUT)
         return
+    if inertia is not None and freedom is not None:
+        with named(f"{file}"):
+            lines = _of_hydrodyn(text, inertia, freedom)
+        write_text(output, lines + ("" if output == _STDOUT else f"\n! {_MARK}"))
+        return
     with named(f"{file}"):
         model = _short(text) if short else _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
@@ -155,9 +178,52 @@ def export(
     write_text(output, code + mark)
 
 
+def _of_hydrodyn(text: str, inertia: float, freedom: str) -> str:
+    """The damping of a file for OpenFAST.
+
+    Raises a ValueError if the file tells no linear and quadratic damping, or has another unit.
+    """
+    found, turns = estimate_of(text), freedom in FREEDOMS[3:]
+    model = _model(text) if found is None else found.model
+    asked, known = ("rad", "deg") if turns else ("m",), model.unit
+    if known not in asked:
+        raise ValueError(f"q is in {known or 'an unknown unit'}, and {freedom} in {asked[0]}")
+    split = found.damping if isinstance(found, Identification) else None
+    if split is not None:
+        linear, quadratic = split.linear, split.quadratic
+    else:
+        damping = {t.key: v for t, v in model.pairs if t.has("damping")}
+        if other := sorted({*damping} - {"c_linear", "c_quadratic"}):
+            raise ValueError(
+                f"its damping is not linear and quadratic alone ({', '.join(other)}): give what"
+                " identify --damping-split --save wrote"
+            )
+        linear, quadratic = ((damping.get(n, 0.0),) * 3 for n in ("c_linear", "c_quadratic"))
+    size = 180 / np.pi if known == "deg" else 1.0
+    ends = [
+        f"{name} = {value:.6g} ({low:.6g} to {high:.6g}, 95 %) {unit}"
+        for name, (value, low, high), unit in (
+            ("c_linear", linear, "1/s"),
+            ("c_quadratic", np.multiply(size, quadratic), "1/rad" if turns else "1/m"),
+        )
+    ]
+    return openfast_damping(
+        linear[0],
+        float(size * quadratic[0]),
+        inertia,
+        freedom,
+        f"Damping of {freedom}, identified from decays: {'; '.join(ends)}; times an inertia of"
+        f" {inertia:.6g} {'kg m^2' if turns else 'kg'}, added mass included.",
+        "It is all of the damping that was measured: subtract what the model has already"
+        " (radiation, Morison drag, moorings) before it is used.",
+    )
+
+
 def _code(model: Equations, language: str, name: str) -> str:
     if language == "text":
         return str(model)
+    if language == "auto":
+        return auto_function(model.pairs, str(model), model.coordinates)
     if language == "sympy":
         pairs = list(zip(model.terms, model.values, strict=True))
         return python_script(pairs, str(model), model.coordinates)

@@ -347,6 +347,103 @@ def _c_of_several(inertia: Any, force: Any, name: str, coordinates: Coordinates)
     return [*(f"    {line}" for line in body), _SOLVE.format(r=r, force=name)]
 
 
+_AUTO = """subroutine func(ndim, u, icp, par, ijac, f, dfdu, dfdp)
+  implicit none
+  integer, intent(in) :: ndim, icp(*), ijac
+  double precision, intent(in) :: u(ndim), par(*)
+  double precision, intent(out) :: f(ndim)
+  double precision, intent(inout) :: dfdu(ndim, ndim), dfdp(ndim, *)
+  double precision :: q, q_dot, inertia, force
+  q = u(1)
+  q_dot = u(2)
+  inertia = {inertia}
+  force = {force}
+  f(1) = q_dot
+  f(2) = -force/inertia + par(1)*q_dot
+end subroutine
+subroutine stpnt(ndim, u, par, t)
+  implicit none
+  integer, intent(in) :: ndim
+  double precision, intent(inout) :: u(ndim), par(*)
+  double precision, intent(in) :: t
+  u = 0
+  par(1) = {start}
+end subroutine
+subroutine bcnd
+end subroutine
+subroutine icnd
+end subroutine
+subroutine fopt
+end subroutine
+subroutine pvls
+end subroutine"""
+_AUTO_USE = (
+    "PAR(1) is a negative damping that makes up for the losses: with it the rest loses stability in"
+    " a Hopf bifurcation, from which the branch of periodic orbits, the backbone, grows.",
+    "The rest: NDIM=2, IPS=1, ISP=2, ICP=[1], NMX=200, NPR=200, DS={ds}, DSMAX={most}, RL1={end}",
+    "Then from its point HB: IPS=2, ICP=[1, 11], NTST=50, NCOL=4, ISP=0; PAR(11) is the period, s.",
+)
+
+
+def auto_function(pairs: Pairs, title: str, coordinates: Coordinates) -> str:
+    """Text of the equations file of AUTO-07p, in Fortran 90, for one coordinate without inputs.
+
+    Raises a ValueError if there are several coordinates, inputs, or a force that jumps.
+    """
+    if coordinates != ALONE:
+        raise ValueError("AUTO is written for one coordinate: several are for MATLAB, C or sympy")
+    if names := list(_sources(pairs)):
+        raise ValueError(
+            f"the model is driven by {', '.join(names)}, which AUTO does not know: export the model"
+            " without inputs"
+        )
+    if jumps := [term.key for term, _ in pairs if not term.smooth]:
+        raise ValueError(
+            f"{jumps[0]} jumps, and AUTO follows smooth motions: give model.regularised("
+            "velocity_scale)"
+        )
+    values = {term.key: value for term, value in pairs}
+    omega, linear = np.sqrt(values.get("omega^2", 1.0)), values.get("c_linear", 0.0)
+    step = 0.01 * float(omega)
+    code = sympy_module().fcode
+    written = {"source_format": "free", "standard": 2003}
+    both = inertia_and_force(pairs, coordinates, lambda term: None)
+    # A line of Fortran has 132 characters; sympy counts those of the expression alone.
+    inertia, force = (code(x[0], **written).replace("\n", "\n    ") for x in both)
+    ends = {"ds": f"{step:.3g}", "most": f"{step:.3g}", "end": f"{linear + 10 * step:.4g}"}
+    use = [line.format(**ends) for line in _AUTO_USE]
+    text = _AUTO.format(
+        inertia=inertia, force=force, start=f"{linear - 10 * step:.15e}".replace("e", "d")
+    )
+    return f"{comment('!', pairs, title, *use)}\n{text}"
+
+
+FREEDOMS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_ADDED = {
+    "AddBLin": "Additional linear damping [N/(m/s), N/(rad/s), N-m/(m/s), N-m/(rad/s)]",
+    "AddBQuad": "Additional quadratic drag [N/(m/s)^2, N/(rad/s)^2, N-m/(m/s)^2, N-m/(rad/s)^2]",
+}
+
+
+def openfast_damping(
+    linear: float, quadratic: float, inertia: float, freedom: str, *remarks: str
+) -> str:
+    """Lines of HydroDyn's input file of OpenFAST: AddBLin and AddBQuad of one degree of freedom.
+
+    ``linear`` in 1/s and ``quadratic`` in 1/m or 1/rad are those of q_ddot + linear q_dot +
+    quadratic |q_dot| q_dot + ... = 0; ``inertia`` is the mass in kg, or the moment of inertia in
+    kg m^2, with added mass.
+    """
+    place = FREEDOMS.index(freedom)
+    lines = [f"! {part}" for line in remarks for part in _split(line)]
+    for (name, words), value in zip(_ADDED.items(), (linear, quadratic), strict=True):
+        table = np.zeros((6, 6))
+        table[place, place] = inertia * value
+        rows = ["".join(f"{x:16.8E}" for x in row) for row in table]
+        lines += [f"{rows[0]}   {name} - {words}", *rows[1:]]
+    return "\n".join(lines)
+
+
 def _entries(
     place: str, matrix: Any, code: Callable[[Any], str], first: int, joint: str = ""
 ) -> list[str]:
