@@ -207,7 +207,6 @@ _WHITE = np.ones(1)
 _LEVER = 0.01
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
-_LEAST_OF_LINE = 3  # half-cycles, for a line and the scatter about it
 _SHARED = 0.03  # by how much an amplitude may be outside of those that are compared
 
 
@@ -346,10 +345,7 @@ class PQ(NamedTuple):
 
     @classmethod
     def of(cls, decays: Sequence[Decay]) -> PQ:
-        """Of free decays together.
-
-        Raises a ValueError if they have fewer than four turning points.
-        """
+        """Of free decays together; raises a ValueError if one has fewer than three cycles."""
         sizes, losses, rates = [], [], []
         for decay in decays:
             _, about = half_cycles(fine := decay.single().upsampled())
@@ -360,8 +356,6 @@ class PQ(NamedTuple):
             losses.append((a[:-1] - a[1:]) / sizes[-1])
             rates.append(2 * np.pi / period)
         size, loss = np.concatenate(sizes), np.concatenate(losses)
-        if len(size) < _LEAST_OF_LINE:
-            raise ValueError(f"the decays have {len(size)} half-cycles: the P-Q method needs three")
         line = np.column_stack([np.ones_like(size), size])
         found, *_ = np.linalg.lstsq(line, loss, rcond=None)
         variance = np.sum((loss - line @ found) ** 2) / (len(size) - 2)
