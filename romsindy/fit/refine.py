@@ -218,7 +218,7 @@ def with_limit_cycle(
         price = fit.chi_squared + len(fit.free) * np.log(sum(len(d.t) for d in decays))
         crossings.append((price, _crossings(fit, reach)))
     crossings.sort(key=lambda priced: priced[0])
-    every = np.array([np.percentile(a, [2.5, 50, 97.5]) for _, a in crossings])
+    every = np.array([np.percentile(a, [2.5, 50, 97.5], method="nearest") for _, a in crossings])
     if not len(every) or not np.all(np.isfinite(every)):
         note = "the damping falls with amplitude, and no limit cycle is told by the data"
         return replace(found, notes=(*found.notes, note))

@@ -49,6 +49,14 @@ class Predicted(NamedTuple):
     high: Array
 
 
+class Fold(NamedTuple):
+    """A frequency at which a response turns back, rad/s, with its 95 % interval."""
+
+    frequency: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ForcedBand(Framed):
     """Amplitude against frequency under a harmonic force, with what a measured point may scatter.
@@ -170,6 +178,21 @@ class ForcedBand(Framed):
         on = np.interp(at + shift, np.arange(len(w)), w)
         return float(on), float(here - (before - after) * shift / 4)
 
+    @cached_property
+    def folds(self) -> tuple[Fold, ...]:
+        """Where the curve turns back, so that a sweep jumps, in the order along the curve.
+
+        There a curve is displaced in frequency alone, to first order.
+        """
+        w, a, _ = self._curve
+        folds = []
+        for k in self.response.folds:
+            on, size = self.response.frequency[k], self.along[k]
+            at = int(np.argmin(np.hypot(w / on - 1, a / size - 1)))
+            low, high = np.quantile(self._drawn[0][:, at], TAILS)
+            folds.append(Fold(float(on), float(min(low, on)), float(max(high, on))))
+        return tuple(folds)
+
     def _asked(self, omega: Array) -> NDArray[np.bool_]:
         """Which frequencies are in the range that was asked for."""
         return (omega >= self.frequency[0]) & (omega <= self.frequency[-1])
@@ -185,7 +208,11 @@ class ForcedBand(Framed):
         )
 
     def __str__(self) -> str:
-        return "\n".join([repr(self), *(f"Note: {note}." for note in self.notes)])
+        folds = [
+            f"Fold at {fold.frequency:.6g} rad/s ({fold.low:.6g} to {fold.high:.6g})."
+            for fold in self.folds
+        ]
+        return "\n".join([repr(self), *folds, *(f"Note: {note}." for note in self.notes)])
 
 
 def forced_band(

@@ -23,6 +23,7 @@ RATES: dict[Quantity, int] = {"displacement": 0, "velocity": 1, "acceleration": 
 _LEAST_POINTS = 4
 # Amplitudes of the force that agree to this part of the largest are one level.
 _SAME_LEVEL = 0.01
+_SAME_HELD = 0.05  # those of a response that a control holds, which is measured with noise
 _PER_LEVEL = 4  # points on the mean: with fewer, the force is no level but differs from each
 
 
@@ -113,13 +114,18 @@ class SteadyPoints:
 
     @property
     def level(self) -> Indices:
-        """Number of the level of the force, (n,), from 0; all 0 where forces are no levels."""
-        size = np.abs(self.force)
-        order = np.argsort(size)
-        jumps = np.diff(size[order]) > _SAME_LEVEL * size.max()
-        level = np.zeros(len(size), int)
-        level[order[1:]] = np.cumsum(jumps)
-        return level if len(self) >= _PER_LEVEL * (level.max() + 1) else np.zeros_like(level)
+        """Number of the level of the force, or of the response that is held, (n,), from 0.
+
+        All 0 where neither has levels.
+        """
+        for size, same in ((np.abs(self.force), _SAME_LEVEL), (np.abs(self.q[:, 0]), _SAME_HELD)):
+            order = np.argsort(size)
+            jumps = np.diff(size[order]) > same * size.max()
+            level = np.zeros(len(size), int)
+            level[order[1:]] = np.cumsum(jumps)
+            if 0 < level.max() and len(self) >= _PER_LEVEL * (level.max() + 1):
+                return level
+        return np.zeros_like(level)
 
 
 def _column(name: str, values: ArrayLike, n: int, kind: type = float) -> NDArray:
@@ -269,6 +275,11 @@ def _balance(
         found.append((force, by_c, balance.by_coefficient(chosen, orbit, omega)))
     force, by_c, by_p = (np.array(x) for x in zip(*found, strict=True))
     return force, by_c, by_p
+
+
+def parts_of_force(points: SteadyPoints, chain: Chain, k: int) -> Array:
+    """Fourier coefficients of the excitation per unit mass, (n, k)."""
+    return _given(points, chain, k)[0]
 
 
 def _given(points: SteadyPoints, chain: Chain, k: int) -> tuple[Array, Array]:

@@ -33,7 +33,7 @@ from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.records.arguments import not_fixed
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
-from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised
+from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised, parts_of_force
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.orbits.curves import checked_force
@@ -43,6 +43,7 @@ from romsindy.record.recording import Quantity
 from romsindy.text import with_error
 from romsindy.typing import Array, Indices
 
+_GAIN = 0.01  # standard deviation of the gain of a level, as a part of it
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 _ALWAYS, _LINEAR = LINEAR
@@ -346,17 +347,34 @@ def _require_gain(solution: SteadySolution, joint: Array) -> None:
 def _covariance(points: SteadyPoints, solution: SteadySolution, together: float) -> Array:
     """Covariance of least squares whose misfits go together, as those of neighbours in a level do.
 
-    The correlation falls with every further point.
+    The correlation falls with every further point. And the gain of a level may be off in all of
+    its points.
     """
     plain, level = solution.covariance, points.level
-    if not together:
-        return plain
-    number = np.arange(len(level))
-    alike = np.where(level[:, None] == level, together ** np.abs(number[:, None] - number), 0.0)
-    shape = solution.rows.misfit.shape
+    number, shape = np.arange(len(level)), solution.rows.misfit.shape
     a = solution.rows.whitened(solution.floor)[0].reshape(*shape, -1)
+    alike = np.where(level[:, None] == level, together ** np.abs(number[:, None] - number), 0.0)
+    alike = alike if together else np.eye(len(level))
     scores = np.einsum("nkp,nm,mkq->pq", a, alike, a, optimize=True)
-    return plain @ scores @ plain
+    off = a.reshape(-1, a.shape[2]).T @ _by_gain(points, solution)
+    return plain @ (scores + off @ off.T) @ plain
+
+
+def _by_gain(points: SteadyPoints, solution: SteadySolution) -> Array:
+    """What misfits of unit variance change by where the gain of one level is off, (n k, levels).
+
+    Nothing where there is one level.
+    """
+    count = int(points.level.max()) + 1
+    if count == 1:
+        return np.zeros((solution.misfit.size, 0))
+    given = replace(
+        solution.rows,
+        by_parameter=parts_of_force(points, solution.chain, solution.misfit.shape[1])[..., None],
+    )
+    force = given.whitened(solution.floor)[0].reshape(solution.misfit.shape)
+    each = (points.level[:, None] == np.arange(count))[:, None] * force[..., None]
+    return _GAIN * each.reshape(-1, count)
 
 
 # -- the choice of terms ---------------------------------------------------------------------------
@@ -412,6 +430,9 @@ def _every_choice(
     rows = linearised(points, rich, tuple(values), found.chain, found.c)
     a, b = rows.whitened(found.floor)
     table = np.column_stack([a[:, [(*values, *CHAIN).index(n) for n in names]], -b])
+    for off in _by_gain(points, found).T:  # which no term is to make up for
+        size = float(np.linalg.norm(off))
+        table -= np.outer(off, off @ table) * (1 - 1 / np.hypot(1.0, size)) / size**2
     part, counted = _parts(points), 1.0
     if covariance is not None:
         part = np.zeros_like(part)
