@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
 from romsindy.fit.kernel.part import LINEAR
+from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.records.arguments import not_fixed
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
@@ -43,7 +44,7 @@ from romsindy.record.recording import Quantity
 from romsindy.text import with_error
 from romsindy.typing import Array, Indices
 
-_GAIN = 0.01  # standard deviation of the gain of a level, as a part of it
+_GAIN = 0.01  # standard deviation of the gain of a level at most, as a part of it
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 _ALWAYS, _LINEAR = LINEAR
@@ -363,18 +364,19 @@ def _covariance(points: SteadyPoints, solution: SteadySolution, together: float)
 def _by_gain(points: SteadyPoints, solution: SteadySolution) -> Array:
     """What misfits of unit variance change by where the gain of one level is off, (n k, levels).
 
+    By as much as the levels scatter, but no more than gains do: what the model lacks scatters, too.
     Nothing where there is one level.
     """
     count = int(points.level.max()) + 1
     if count == 1:
         return np.zeros((solution.misfit.size, 0))
-    given = replace(
-        solution.rows,
-        by_parameter=parts_of_force(points, solution.chain, solution.misfit.shape[1])[..., None],
-    )
+    (within, _), _ = between_levels(points, solution, correlation(points, solution))
+    scatter = min(float(within[2]) / wider(KNOWN + count - 1), _GAIN)
+    parts = parts_of_force(points, solution.chain, solution.misfit.shape[1])
+    given = replace(solution.rows, by_parameter=parts[..., None])
     force = given.whitened(solution.floor)[0].reshape(solution.misfit.shape)
     each = (points.level[:, None] == np.arange(count))[:, None] * force[..., None]
-    return _GAIN * each.reshape(-1, count)
+    return scatter * each.reshape(-1, count)
 
 
 # -- the choice of terms ---------------------------------------------------------------------------
