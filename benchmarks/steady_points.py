@@ -24,6 +24,7 @@ from romsindy import fit_steady
 HARMONICS, PHASES = 5, 2 * np.pi * np.arange(64) / 64
 KINDS = ("phase resonance", "held response", "branch")
 NOISE, WRONG = 0.01, 1.02
+LEFT = 1e-8  # of the balance, over the largest linear force
 
 
 class Oscillator:
@@ -59,7 +60,11 @@ class Oscillator:
             rest = np.array([rest[0].real, *rest[2:].real, *rest[2:].imag])
             return rest / (self.rate**2 * self.size)
 
-        c = harmonics(fsolve(others, np.zeros(2 * HARMONICS - 1)))
+        # To rounding, at which its own test of progress ends: what is left is looked at instead.
+        x, *_ = fsolve(others, np.zeros(2 * HARMONICS - 1), full_output=True)
+        if np.abs(others(x)).max() > LEFT:
+            raise ArithmeticError(f"no orbit of amplitude {amplitude:g} at {w:g} rad/s")
+        c = harmonics(x)
         return c[1:], left(c)[1]
 
     def force(self, amplitude, w):

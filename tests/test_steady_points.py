@@ -1,0 +1,80 @@
+"""Points of a laboratory: a level that is told wrong, a response that is held, folds."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import romsindy as rs
+from romsindy.fit.steady.balance import SteadyPoints
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import driven_modes
+import steady_points
+
+sys.path.pop(0)
+
+
+def levels(force, response):
+    w = np.linspace(5.0, 6.0, len(force))
+    return SteadyPoints.of(w, force, response, None, "displacement").level.tolist()
+
+
+def test_levels_are_of_the_force_or_of_a_response_that_is_held():
+    """Of a controlled response the force differs from point to point, and noise is 1 %."""
+    rng = np.random.default_rng(0)
+    held = np.repeat([0.1, 0.2, 0.4], 6)
+    noisy = held * (1 + 0.01 * rng.standard_normal(18)) + 0j
+    force = rng.uniform(1.0, 2.0, 18)
+    assert levels(force, noisy) == np.repeat([0, 1, 2], 6).tolist()
+    assert levels(np.repeat([1.0, 2.0, 3.0], 6), force + 0j) == np.repeat([0, 1, 2], 6).tolist()
+    assert levels(force, np.linspace(0.1, 0.4, 18) + 0j) == [0] * 18
+
+
+@pytest.mark.parametrize("seed", [8, pytest.param(7, marks=pytest.mark.slow)])
+def test_no_term_makes_up_for_a_level_that_is_told_wrong(seed):
+    """A branch, and a response that is held; 2 % wrong at one of three levels."""
+    one, _, w, force, response, spread = steady_points.measured(seed)
+    fit = rs.fit_steady(None, w, force, response, std=spread, unit="m")
+    assert {*fit.model.coefficients} == {*one.truth}
+    for name, value in one.truth.items():
+        low, high = fit.interval(name)
+        assert low <= value <= high, name
+
+
+def test_folds_have_intervals():
+    """Against those of the true equation, by continuation; the other level learns none of them."""
+    named = {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8}
+    beam = rs.ReducedModel.from_coefficients(named, unit="m")
+    rng = np.random.default_rng(1)
+    w, force, q = [], [], []
+    for level in (0.1, 0.2):
+        orbits = rs.forced_response(beam, level, (48.0, 54.0), n_points=120)
+        w.append(orbits.frequency[::3])
+        force.append(np.full(len(w[-1]), level))
+        q.append(orbits.coefficients[::3, 1])
+    w, force, q = map(np.concatenate, (w, force, q))
+    spread = 0.01 * np.abs(q)
+    q = q + spread * (rng.standard_normal(len(q)) + 1j * rng.standard_normal(len(q)))
+    fit = rs.fit_steady(beam, w, force, q, std=spread, phase=0.0)
+    true = rs.forced_response(beam, 0.4, (48.0, 54.0))
+    band = fit.forced_response(0.4, (48.0, 54.0))
+    folds = true.frequency[true.folds]
+    assert len(band.folds) == len(folds) == 2
+    for fold, exact in zip(band.folds, folds, strict=True):
+        assert fold.low <= exact <= fold.high and fold.high - fold.low < 0.01 * exact
+    assert f"Fold at {band.folds[0].frequency:.6g} rad/s" in str(band)
+
+
+@pytest.mark.slow
+def test_small_benchmark_of_points():
+    right, holds, inside, (held, folds) = steady_points.main(["--first", "306", "--count", "6"])
+    assert right == 6 and holds > 0.9 and inside > 0.9 and held == folds
+
+
+@pytest.mark.slow
+def test_small_benchmark_of_driven_modes():
+    assert driven_modes.main(["--first", "61", "--count", "1"])[:2] == (1, 1)
