@@ -39,7 +39,7 @@ class Oscillator:
         self.drag = drag if rng.random() < 0.4 else 0.0
         self.truth = {"omega^2": self.rate**2, "c_linear": self.linear, "gamma_3": self.cubic}
         self.truth |= {"c_quadratic": self.drag} if self.drag else {}
-        self.range = 0.6 * self.rate, 1.6 * self.rate
+        self.range = 0.8 * self.rate, 1.25 * self.rate
 
     def orbit(self, amplitude, w):
         """Harmonics of q, the first of this amplitude and phase 0, and that of the force."""
@@ -77,7 +77,7 @@ class Oscillator:
     def branch(self, force, parts):
         """Points of a curve of constant force, in order along it, at parts of its peak."""
         peak = brentq(
-            lambda a: self.force(a, self.resonance(a)) - force, 1e-3 * self.size, 3 * self.size
+            lambda a: self.force(a, self.resonance(a)) - force, 1e-3 * self.size, 1.2 * self.size
         )
         sides = [], []
         for a in peak * parts:
