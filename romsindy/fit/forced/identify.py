@@ -28,7 +28,7 @@ from romsindy.fit.records.arguments import (
     small_frequencies,
 )
 from romsindy.fit.records.driven import inputs_in
-from romsindy.fit.records.modes import mode_beside, modes_of
+from romsindy.fit.records.modes import Modes, mode_beside, modes_near, modes_of
 from romsindy.fit.records.smooth import ways
 from romsindy.fit.results.estimate import possible, stand_ins
 from romsindy.fit.results.fitted import Fit, with_choice_error
@@ -76,12 +76,34 @@ def identify_forced(
     require_unit(several, several[0].unit)
     say = progress or (lambda _: None)
     one = coordinates == 1 and all(v.n_channels == 1 for v in several)
-    alone = candidates(order)
     require_channels(several, several[0].n_channels)
-    modes = None if one else modes_of(driven, coordinates)
+    asked = order, known, say
+    best, look = _searched(several, None if one else modes_of(driven, coordinates), *asked)
+    if coordinates == "auto" and (other := _other(best)):
+        # A motion that is strongly nonlinear hides a mode from a linear look.
+        own = 2 * np.pi * float(small_frequencies(best.model)[0])
+        say(f"another coordinate near {other[0] / (2 * np.pi):.4g} Hz")
+        with suppress(TrajectoryError):
+            more = _searched(
+                several, modes_near(driven, np.sort([own, other[0]])).ordered(), *asked
+            )
+            if more[0].verdict.explained or _lost(best, more[0]):
+                best, look = more
+    notes = (*_beside(best), *best.notes, *stand_ins(best), *_hidden(best, look))
+    return replace(best, notes=notes)
+
+
+def _searched(
+    several: Sequence[ForcedVibration | Decay],
+    modes: Modes | None,
+    order: int,
+    known: Mapping[str, float],
+    say: Callable[[str], None],
+) -> tuple[Fit, Look]:
+    """The equation of one coordinate, or of some modes, with the terms of the plainest kind."""
     if modes is None or (len(modes.omega) == 1 and modes.shapes.size == 1):
         modes = None
-        kinds, linear = [alone], LINEAR
+        kinds, linear = [candidates(order)], LINEAR
     else:
         r = len(modes.omega)
         kinds, linear = [coupled_candidates(r, kind) for kind in KINDS], linear_terms(r)
@@ -89,26 +111,33 @@ def identify_forced(
     look = Look.of(several, modes)
     for laws in kinds:
         search = _TermSearch(laws, linear, known, look, say)
-        best = _best(search, driven)
+        best = _best(search, Given.of(several).driven)
         if best.verdict.explained:
             break
-    best = with_choice_error(best, search.every_choice(best))
-    notes = (*_beside(best), *best.notes, *stand_ins(best), *_hidden(best, look))
-    return replace(best, notes=notes)
+    return with_choice_error(best, search.every_choice(best)), look
+
+
+def _other(fit: Fit) -> tuple[float, float] | None:
+    """Rate of a further mode, rad/s, and the part that it explains of what one coordinate leaves.
+
+    None where there is none, or several are modelled, or nothing is left.
+    """
+    verdict = fit.verdict
+    assert isinstance(verdict, ForcedAdequacy)
+    if verdict.explained or fit.model.n_coordinates > 1:
+        return None
+    pairs = [(r, e) for r, e in zip(fit.records, fit.residuals, strict=True) if r.driven]
+    rest = [replace(r.decay, y=r.by_channel(e).T.reshape(r.decay.y.shape)) for r, e in pairs]
+    found = mode_beside(rest, 2 * np.pi * float(small_frequencies(fit.model)[0]))
+    if found is None and verdict.part > WIDEST_SIGNAL:
+        # The other mode may have led the fit astray, which then leaves both.
+        found = mode_beside([r.decay for r, _ in pairs])
+    return found
 
 
 def _beside(fit: Fit) -> tuple[str, ...]:
     """That a further mode moves in what one coordinate leaves, and what to ask for."""
-    verdict = fit.verdict
-    assert isinstance(verdict, ForcedAdequacy)
-    if verdict.explained or fit.model.n_coordinates > 1:
-        return ()
-    pairs = [(r.decay, e) for r, e in zip(fit.records, fit.residuals, strict=True) if r.driven]
-    rest = [replace(v, y=e.reshape(v.y.shape)) for v, e in pairs]
-    found = mode_beside(rest, 2 * np.pi * float(small_frequencies(fit.model)[0]))
-    if found is None and verdict.part > WIDEST_SIGNAL:
-        # The other mode may have led the fit astray, which then leaves both.
-        found = mode_beside([v for v, _ in pairs])
+    found = _other(fit)
     if found is None:
         return ()
     return (

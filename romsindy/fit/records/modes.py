@@ -51,6 +51,13 @@ class Modes(NamedTuple):
     gains: dict[str, Array]
     left: Array
 
+    def ordered(self) -> Modes:
+        """By frequency."""
+        order = np.argsort(self.omega)
+        gains = {name: gain[order] for name, gain in self.gains.items()}
+        omega, ratios, shapes = self.omega[order], self.ratios[order], self.shapes[:, order]
+        return Modes(omega, ratios, shapes, gains, self.left)
+
     @property
     def main(self) -> list[int]:
         """The channel of each coordinate whose reading says how large it is."""
@@ -88,10 +95,7 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
                 " as many at most, or drive and measure where others move"
             )
         modes = more
-    order = np.argsort(modes.omega)
-    gains = {name: gain[order] for name, gain in modes.gains.items()}
-    omega, ratios, shapes = modes.omega[order], modes.ratios[order], modes.shapes[:, order]
-    return Modes(omega, ratios, shapes, gains, modes.left)
+    return modes.ordered()
 
 
 def mode_beside(
