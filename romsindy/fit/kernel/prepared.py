@@ -241,7 +241,17 @@ def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
 
 def record_notes(records: Sequence[Prepared]) -> list[str]:
     """What the reader must know of the records."""
-    return [f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks]
+    hits = [
+        f"{name}: {len(x.spans)} hit{'s' * (len(x.spans) > 1)}, and 0 beside, whatever its sensor shows"
+        for record in records
+        if record.since == 0
+        for name, x in record.inputs.items()
+        if x.spans
+    ]
+    return [
+        *hits,
+        *(f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks),
+    ]
 
 
 # Of the largest velocity, over which dry friction turns round, one after the other. Where friction
