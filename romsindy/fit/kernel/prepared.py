@@ -242,7 +242,7 @@ def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
 def record_notes(records: Sequence[Prepared]) -> list[str]:
     """What the reader must know of the records."""
     hits = [
-        f"{name}: 0 beside its {len(x.spans)} hit{'s' * (len(x.spans) > 1)}, whatever the sensor says"
+        f"{name}: 0 beside its {len(x.spans)} hit{'s' * (len(x.spans) > 1)}, whatever it shows"
         for record in records
         if record.since == 0
         for name, x in record.inputs.items()
