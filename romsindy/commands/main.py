@@ -25,7 +25,8 @@ from romsindy.text import as_options, listed
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured vibrations, free or driven.",
     "example": "Write the files that README and docs use to DIR.",
-    "export": "Write the equation of motion in FILE for MATLAB, C or sympy, or as text.",
+    "export": "Write the equation of motion in FILE for MATLAB, C, sympy, AUTO or OpenFAST, or as"
+    " text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "reduce": "Reduce the finite-element model in DECK to the equation of one mode.",
