@@ -151,6 +151,18 @@ def test_the_limit_cycle_is_foretold(seed):
     assert rs.Identification.from_json(found.to_json()).limit_cycle == cycle
 
 
+@pytest.mark.slow
+def test_what_is_known_stays_known():
+    """Of the split, and of the limit cycle, which a wrong frequency would move."""
+    split = rs.identify(decay_of(ROLL, 0.3, "rad"), fixed={"c_linear": 0.04}).damping
+    assert np.ptp([*split.linear, 0.04]) < 1e-12 and split.quadratic[1] <= 0.3 <= split.quadratic[2]
+    decay, true = damping.flutter(41)
+    free = rs.identify(decay)
+    known = free.single_model.coefficients["omega^2"]
+    cycle = rs.identify(decay, fixed={"omega^2": known}).limit_cycle
+    assert cycle.low <= true <= cycle.high
+
+
 def test_no_limit_cycle_where_damping_does_not_fall(rolled):
     assert rolled.limit_cycle is None
 

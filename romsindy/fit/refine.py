@@ -55,9 +55,8 @@ from romsindy.typing import Array
 # A damping ratio that falls: at these parts of the reach, by so many standard errors, and to 0 at
 # so many times the reach at most; where it is looked for, in parts of the reach.
 _FALLS, _TOLD, _FORETOLD, _SOUGHT = np.array([0.2, 0.95]), 3.0, 2.5, (0.5, 4.0, 120)
-_UNSEEN = (
-    0.1  # of the first power of a function of q, what a second is expected to add at the reach
-)
+# Of the first power of a function of q, what a second is expected to add at the reach.
+_UNSEEN = 0.1
 
 
 def refine(
@@ -164,13 +163,9 @@ def with_damping_split(
 
     As it is, with a note, where these two do not follow the decays or cannot be told.
     """
-    short, decays = found.short, [record.decay for record in found.records]
-    terms = [t for t in short.model.terms if t.has("stiffness") or t.has("inertia")]
-    known = {n: v for n, v in found.model.coefficients.items() if n not in found.free}
-    held = {t.key: known[t.key] for t in terms if t.key in known}
-    drag = PowerDamping(2)
+    decays, drag = [record.decay for record in found.records], PowerDamping(2)
     try:
-        fit = refine_terms(decays, [*terms, drag], held, progress)
+        fit = _with_damping(found, (drag,), progress)
         read = PQ.of(decays)
     except (ValueError, TrajectoryError, LinAlgError) as error:
         note = f"linear and quadratic damping are not told apart: {error}"
@@ -180,8 +175,10 @@ def with_damping_split(
     # Waves are about as slow as the motion: each half-cycle tells one value of them, no more.
     freedom = 2 * sum(record.turns for record in fit.records) - fit.solution.n_values
     by = SIGMAS * wider(max(freedom, 1.0))
+    errors = [fit.standard_errors.get(n, 0.0) for n in names]  # of what is known: none
     linear, quadratic = (
-        (v, v - by * e, v + by * e) for v, e in ((values[n], fit.standard_errors[n]) for n in names)
+        (values[n], values[n] - by * e, values[n] + by * e)
+        for n, e in zip(names, errors, strict=True)
     )
     pairs = zip(read.values.tolist(), read.errors.tolist(), strict=True)
     p, q = ((v, v - SIGMAS * e, v + SIGMAS * e) for v, e in pairs)
@@ -199,23 +196,21 @@ def with_limit_cycle(
     does is expected of it. The likelier one has the value, the interval holds both.
     """
     reach = min(map(abs, found.reach))
-    low, high = found.band(reach * _FALLS).damping_ratio
-    errors = found.band(reach * _FALLS).damping_ratio_std
+    band = found.band(reach * _FALLS)
+    (low, high), errors = band.damping_ratio, band.damping_ratio_std
     # On a straight line over the square of the amplitude it is 0 at:
     falls, squares = low - high, (reach * _FALLS) ** 2
     zero = squares[1] + high * np.ptp(squares) / falls if falls > 0 else np.inf
     if not (falls > _TOLD * np.hypot(*errors) and high > 0 and zero < (_FORETOLD * reach) ** 2):
         return found
-    decays, short = [record.decay for record in found.records], found.short.model
-    bent = [t for t in short.terms if t.has("stiffness") or t.has("inertia")]
     forms = (PowerDamping(3),), (PositionDamping(2), PositionDamping(4))
     crossings: list[tuple[float, Array]] = []
     for form in forms:
         try:
-            fit = refine_terms(decays, [*bent, *form], {}, progress)
+            fit = _with_damping(found, form, progress)
         except (ValueError, TrajectoryError, LinAlgError):
             continue
-        price = fit.chi_squared + len(fit.free) * np.log(sum(len(d.t) for d in decays))
+        price = fit.chi_squared + len(fit.free) * np.log(sum(len(e) for e in fit.residuals))
         crossings.append((price, _crossings(fit, reach)))
     crossings.sort(key=lambda priced: priced[0])
     every = np.array([np.percentile(a, [2.5, 50, 97.5], method="nearest") for _, a in crossings])
@@ -224,6 +219,16 @@ def with_limit_cycle(
         return replace(found, notes=(*found.notes, note))
     cycle = LimitCycle(float(every[0, 1]), float(every[:, 0].min()), float(every[:, 2].max()))
     return replace(found, limit_cycle=cycle)
+
+
+def _with_damping(
+    found: Identification, laws: Sequence[Term], progress: Callable[[str], None] | None
+) -> Fit:
+    """Stiffness and inertia in short with viscous damping and some laws, fitted to the decays."""
+    bent = [t for t in found.short.model.terms if t.has("stiffness") or t.has("inertia")]
+    known = {n: v for n, v in found.model.coefficients.items() if n not in found.free}
+    held = {t.key: known[t.key] for t in (*bent, *LINEAR, *laws) if t.key in known}
+    return refine_terms([r.decay for r in found.records], [*bent, *laws], held, progress)
 
 
 def _crossings(fit: Fit, reach: float) -> Array:
@@ -241,7 +246,8 @@ def _crossings(fit: Fit, reach: float) -> Array:
     a = reach * np.linspace(*_SOUGHT)
     found = np.full(len(draws), np.inf)
     for k, draw in enumerate(draws):
-        ratio = replace(fit.single_model, values=tuple(draw)).damping_ratio(a)
+        drawn = values | dict(zip(fit.free, draw.tolist(), strict=True))
+        ratio = replace(fit.single_model, values=tuple(drawn.values())).damping_ratio(a)
         beyond = np.flatnonzero(ratio <= 0)
         if len(beyond) and (i := int(beyond[0])) > 0:
             found[k] = np.interp(0.0, [ratio[i], ratio[i - 1]], [a[i], a[i - 1]])
