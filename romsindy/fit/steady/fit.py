@@ -26,6 +26,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 
 from romsindy.effects.choices import sought
 from romsindy.fit.choice import Gram, Linearised, Trials, counting_choice
@@ -45,6 +46,7 @@ from romsindy.text import with_error
 from romsindy.typing import Array, Indices
 
 _GAIN = 0.01  # standard deviation of the gain of a level at most, as a part of it
+_BY_CHANCE = 0.05  # chance of a scatter of levels that is taken for one, though it is none
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 _ALWAYS, _LINEAR = LINEAR
@@ -365,18 +367,25 @@ def _by_gain(points: SteadyPoints, solution: SteadySolution) -> Array:
     """What misfits of unit variance change by where the gain of one level is off, (n k, levels).
 
     By as much as the levels scatter, but no more than gains do: what the model lacks scatters, too.
-    Nothing where there is one level.
+    Nothing where there is one level, or where that scatter may be chance.
     """
-    count = int(points.level.max()) + 1
+    level, shape = points.level, solution.misfit.shape
+    count, together = int(level.max()) + 1, correlation(points, solution)
     if count == 1:
         return np.zeros((solution.misfit.size, 0))
-    (within, _), _ = between_levels(points, solution, correlation(points, solution))
-    scatter = min(float(within[2]) / wider(KNOWN + count - 1), _GAIN)
-    parts = parts_of_force(points, solution.chain, solution.misfit.shape[1])
+    parts = parts_of_force(points, solution.chain, shape[1])
     given = replace(solution.rows, by_parameter=parts[..., None])
-    force = given.whitened(solution.floor)[0].reshape(solution.misfit.shape)
-    each = (points.level[:, None] == np.arange(count))[:, None] * force[..., None]
-    return scatter * each.reshape(-1, count)
+    force = given.whitened(solution.floor)[0].reshape(shape)
+    each = (level[:, None] == np.arange(count))[:, None] * force[..., None]
+    each = each.reshape(-1, count)
+    fitted = np.linalg.qr(solution.rows.whitened(solution.floor)[0])[0]
+    own = np.linalg.qr(each - fitted @ (fitted.T @ each))[0][:, : count - 1]
+    # Neighbours that go together tell less.
+    seen = float(np.sum((own.T @ solution.white.ravel()) ** 2)) * (1 - together) / (1 + together)
+    if seen < chi2.isf(_BY_CHANCE, count - 1):
+        return 0 * each
+    (within, _), _ = between_levels(points, solution, together)
+    return min(float(within[2]) / wider(KNOWN + count - 1), _GAIN) * each
 
 
 # -- the choice of terms ---------------------------------------------------------------------------
@@ -433,7 +442,7 @@ def _every_choice(
     a, b = rows.whitened(found.floor)
     table = np.column_stack([a[:, [(*values, *CHAIN).index(n) for n in names]], -b])
     for off in _by_gain(points, found).T:  # which no term is to make up for
-        size = float(np.linalg.norm(off))
+        size = max(float(np.linalg.norm(off)), 1e-9)
         table -= np.outer(off, off @ table) * (1 - 1 / np.hypot(1.0, size)) / size**2
     part, counted = _parts(points), 1.0
     if covariance is not None:
