@@ -135,7 +135,15 @@ def test_a_model_alone_is_written_for_hydrodyn(tmp_path):
     options = ["--to", "openfast", "--inertia", "2", "--freedom", "pitch"]
     told = CliRunner().invoke(main, ["export", str(file), *options])
     assert told.exit_code == 0 and "8.00000000E-02" in told.output
-    assert "6.00000000E-01" in told.output
+    assert "6.00000000E-01" in told.output and "95 %" not in told.output
+
+
+@pytest.mark.parametrize("language", ["openfast", "text"])
+def test_inertia_and_freedom_belong_to_hydrodyn(tmp_path, language):
+    file = tmp_path / "model.json"
+    file.write_text(ROLL.to_json())
+    told = CliRunner().invoke(main, ["export", str(file), "--to", language, "--inertia", "2"])
+    assert told.exit_code == 2 and "go together" in told.output
 
 
 @pytest.mark.parametrize(

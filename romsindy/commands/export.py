@@ -132,7 +132,7 @@ def export(
     OpenFAST the linear and quadratic damping are written that identify --damping-split told apart.
     """
     text = text_of(file)
-    if (language == "openfast") != (inertia is not None and freedom is not None):
+    if {language == "openfast"} != {inertia is not None, freedom is not None}:
         raise click.UsageError(
             "--to openfast, --inertia and --freedom go together, such as --to openfast --inertia"
             " 1.2e10 --freedom roll"
@@ -189,6 +189,8 @@ def _of_hydrodyn(text: str, inertia: float, freedom: str) -> str:
     if known not in asked:
         raise ValueError(f"q is in {known or 'an unknown unit'}, and {freedom} in {asked[0]}")
     split = found.damping if isinstance(found, Identification) else None
+    linear: tuple[float, ...]
+    quadratic: tuple[float, ...]
     if split is not None:
         linear, quadratic = split.linear, split.quadratic
     else:
@@ -198,23 +200,26 @@ def _of_hydrodyn(text: str, inertia: float, freedom: str) -> str:
                 f"its damping is not linear and quadratic alone ({', '.join(other)}): give what"
                 " identify --damping-split --save wrote"
             )
-        linear, quadratic = ((damping.get(n, 0.0),) * 3 for n in ("c_linear", "c_quadratic"))
+        linear, quadratic = ((damping.get(n, 0.0),) for n in ("c_linear", "c_quadratic"))
     size = 180 / np.pi if known == "deg" else 1.0
     ends = [
-        f"{name} = {value:.6g} ({low:.6g} to {high:.6g}, 95 %) {unit}"
-        for name, (value, low, high), unit in (
+        f"{name} = {values[0]:.6g} {unit}"
+        + (" ({:.6g} to {:.6g}, 95 %)".format(*values[1:]) if split else "")
+        for name, values, unit in (
             ("c_linear", linear, "1/s"),
             ("c_quadratic", np.multiply(size, quadratic), "1/rad" if turns else "1/m"),
         )
     ]
+    doubt = ["These two alone do not explain the decays."] if split and not split.explained else []
     return openfast_damping(
         linear[0],
         float(size * quadratic[0]),
         inertia,
         freedom,
-        f"Damping of {freedom}, identified from decays: {'; '.join(ends)}; times an inertia of"
-        f" {inertia:.6g} {'kg m^2' if turns else 'kg'}, added mass included.",
-        "It is all of the damping that was measured: subtract what the model has already"
+        f"Damping of {freedom}: {'; '.join(ends)}; times an inertia of {inertia:.6g}"
+        f" {'kg m^2' if turns else 'kg'}, added mass included.",
+        *doubt,
+        "It is all of the damping: subtract what the model has already"
         " (radiation, Morison drag, moorings) before it is used.",
     )
 

@@ -330,7 +330,7 @@ class DampingSplit(NamedTuple):
 class LimitCycle(NamedTuple):
     """The amplitude at which the damping ratio, which falls with amplitude, is 0; 95 % interval.
 
-    From larger ones the motion grows. Its ends are inf where the data do not tell that it is.
+    From larger ones the motion grows.
     """
 
     amplitude: float
