@@ -816,3 +816,12 @@ def test_two_codes_move_an_arch_alike_and_so_does_its_simulator(benchmark, tmp_p
     y = benchmark._by_felupe(truth, sensors, release, float(step))
     # CalculiX stops its iterations at 1e-4 of the step.
     assert np.abs(x - y).max() < 1e-3 * release
+
+
+@pytest.mark.slow
+@benchmark_of("dry_friction")
+def test_friction_is_found_in_one_of_two_modes_and_when_it_holds(benchmark):
+    """Of the two that stop, each with an offset as large as the noise, no term is false."""
+    _, _, missing, false, holds, fit = benchmark.trial("coupled", 9907)
+    assert not (missing or false) and all(holds.values())
+    assert fit.verdict.explained

@@ -11,7 +11,13 @@ from scipy.linalg import block_diag, expm
 
 from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation
-from romsindy.fit.kernel.linear_response import nodes, respond, sampled, sensitivity
+from romsindy.fit.kernel.linear_response import (
+    nodes,
+    respond,
+    respond_together,
+    sampled,
+    sensitivity,
+)
 from romsindy.fit.kernel.linear_steps import NODES, Equation, Linearisation, LinearSteps, inverse
 from romsindy.physics.example import EXAMPLE_MODEL
 
@@ -165,6 +171,19 @@ def test_two_uncoupled_coordinates_are_two_motions_of_one() -> None:
         )
         others = np.delete(slopes[:, i], columns, axis=-1)
         assert not np.any(others)
+
+
+def test_motions_together_respond_as_each_alone() -> None:
+    short = replace(COUPLED, stiffness=STIFFNESS + 0.1)
+    motions = [
+        integrate(COUPLED, start, Grid.over(T[:n], PERIOD))
+        for n, start in ((301, START), (90, -START))
+    ]
+    for found, motion in zip(respond_together(short, motions), motions, strict=True):
+        alone = respond(short, motion)
+        for name in ("q", "q_dot", "q_ddot"):
+            one, other = getattr(found, name), getattr(alone, name)
+            np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())  # rounding
 
 
 def _slopes(equation: Equation, motion: Trajectory) -> np.ndarray:

@@ -43,7 +43,6 @@ from romsindy.effects.outside import (
     InputLag,
 )
 from romsindy.fit.adequacy.independence import examine_decays
-from romsindy.fit.kernel.hypothesis import smoothed
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part
 from romsindy.fit.records.arguments import small_frequencies
 from romsindy.fit.records.coupled import (
@@ -304,7 +303,7 @@ def _search(
     options: Options,
 ) -> ResidualSearch:
     """A search beside the mode shapes."""
-    model, each = smoothed(model, records), _scales_of_each(model, records)
+    each = _scales_of_each(model, records)
     largest = max(each, key=lambda scales: scales.amplitude)
     given = (model, free, tolerances, largest, len(records), linear_values(model))
     unsure = unsure_parts(*given)

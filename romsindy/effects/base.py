@@ -25,9 +25,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.effects.mounting import AlongBeam, Load, Mounting, Point, PointMass
-from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.coupling import Along
+from romsindy.physics.damping import Averaged, FrictionLaw
 from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
 from romsindy.physics.term import Term, side_name, unit_text
@@ -67,6 +69,7 @@ class State(NamedTuple):
     clock: float = 0.0
     inputs: Mapping[str, SampledInput] | None = None
     creep: float = 0.0
+    held: NDArray[np.bool_] | None = None
 
 
 class Scales(NamedTuple):
@@ -219,21 +222,27 @@ class TermEffect(Effect):
             )
         return self
 
+    @property
+    def _own_law(self) -> Term:
+        """The law of the one coordinate that it acts on, or of the direction."""
+        law = self.term()
+        return law.law if isinstance(law, Along) else law
+
     def forces(self, state: State) -> Array:
         """The law in its strong form; a jump is averaged over the step in time."""
-        law = self.term()
+        law = self._own_law
         if isinstance(law, FrictionLaw) and not law.smooth:
-            value = law.averaged(state.q, state.q_dot, *_changes(state), state.creep).force
+            value = _averaged(law, state).force
         else:
             value = law.strong(state.q, state.q_dot, state.q_ddot)
         return np.atleast_2d(np.broadcast_to(value, state.q.shape))
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the law."""
-        law, s = self.term(), strengths[0]
+        law, s = self._own_law, strengths[0]
         q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
-            _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state), state.creep)
+            _, by_q, by_q_dot, by_change = _averaged(law, state)
             # What is about to be held would have no mass left; half of it is enough to go on.
             return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (
@@ -274,9 +283,10 @@ class TermEffect(Effect):
 CREEP = 1e-3
 
 
-def _changes(state: State) -> tuple[Array, Array]:
-    """How q and q_dot change from one Gauss point to the next."""
-    return state.q_dot * state.step / 3, state.q_ddot * state.step / 3
+def _averaged(law: FrictionLaw, state: State) -> Averaged:
+    """Friction averaged from one Gauss point to the next."""
+    changes = state.q_dot * state.step / 3, state.q_ddot * state.step / 3
+    return law.averaged(state.q, state.q_dot, *changes, state.creep, state.held)
 
 
 class TimedEffect(Effect):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.physics.term import (
     NUMBER,
@@ -160,6 +161,9 @@ class PositionDamping(ForceLaw):
         return WeakForm(first=power_of(q, self.power + 1) / (self.power + 1))
 
 
+_HELD = 1e-4  # of the velocity over which friction turns round: what is held creeps on by so much
+
+
 class Averaged(NamedTuple):
     """A force that jumps, averaged over a step in time, and its derivatives, (n,) each."""
 
@@ -228,12 +232,13 @@ class FrictionLaw(ForceLaw):
         q_change: Scalars,
         q_dot_change: Scalars,
         creep: float = 0.0,
+        held: NDArray[np.bool_] | None = None,
     ) -> Averaged:
         """The force where q and q_dot run from minus to plus their changes.
 
         With a ``creep`` velocity the slopes do not jump either: what is near the middle counts
         more, on a line down to both ends, and where q_dot hardly changes, as in a stop, the force
-        turns round over this velocity.
+        turns round over this velocity. Where it is ``held`` the force is what keeps it there.
         """
         normal, by_q = self.normal(q, q_change), self.normal_dq(q, q_change)
         if creep:
@@ -245,6 +250,10 @@ class FrictionLaw(ForceLaw):
             sign, by_q_dot = mean_sign(q_dot, q_dot_change), mean_sign_slope(q_dot, q_dot_change)
             turning = (by_q_dot > 0) & (q_dot_change != 0)
             by_change = -sign / np.where(turning, q_dot_change, 1.0) * turning
+        if held is not None:
+            stiff = 1 / (_HELD * creep)
+            sign, by_q_dot = np.where(held, stiff * q_dot, sign), np.where(held, stiff, by_q_dot)
+            by_change = np.where(held, 0.0, by_change)
         return Averaged(normal * sign, by_q * sign, normal * by_q_dot, normal * by_change)
 
 

@@ -18,10 +18,11 @@ from romsindy.effects.choices import KINDS, Kind, candidates
 from romsindy.fit.adequacy.independence import Independence, by_noises, by_values, of_decays, told
 from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.choice import Gram, Linearised, Trials, dragged, needed
-from romsindy.fit.kernel.gauss_newton import linear_table
+from romsindy.fit.kernel.gauss_newton import linear_tables
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.kernel.part import Part, Solution, extended
+from romsindy.fit.kernel.prepared import CREEPS, creeping
 from romsindy.fit.kernel.shooting import cut, fit_pieces, lengths, moved
 from romsindy.fit.records.coupled import CoupledRecord, CurvedShape, ModeShape, curved_shapes
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -155,15 +156,19 @@ def linearised(
     start = np.array([*(p.values[0] for p in sensors), *at])
     grams: dict[int, list[Gram]] = {}
     for i, record in enumerate(records):
-        for piece in cut(record, cycles):
-            about = model, parts, i, piece, piece.motion
-            with np.errstate(all="ignore"):
-                products = by_values(*about)[1].weighed(noises[i]).products if noises else None
-                table = linear_table(*about)[1] if products is None else products
+        pieces = cut(record, cycles)
+        given = pieces, [piece.motion for piece in pieces], [i] * len(pieces)
+        with np.errstate(all="ignore"):
+            if noises:
+                several = (by_values(model, parts, i, piece, piece.motion)[1] for piece in pieces)
+                tables = [table.weighed(noises[i]).products for table in several]
+            else:
+                tables = [rows for _, rows in linear_tables(model, parts, *given)]
+        for piece, table in zip(pieces, tables, strict=True):
             if not np.all(np.isfinite(table)):
                 return None
-            if products is not None:
-                gram = Gram.of_products(products, start, len(piece.signal))
+            if noises:
+                gram = Gram.of_products(table, start, len(piece.signal))
                 grams.setdefault(0, []).append(gram)
                 continue
             numbers = _parts(piece, record, i, len(records)) * choice.left_out
@@ -206,6 +211,7 @@ _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost; by more than the second
 # factor, and terms are missing.
 _LOST, _MISSED = 3.0, 1.5
+_SHARP = 3  # of the velocities over which friction turns round: less no step in time resolves
 # The lightest mass over the heaviest. Where nothing tells the masses, an equation times zero is
 # fulfilled by every motion; of what sensors see of one structure, masses differ by far less.
 _LIGHTEST = 1e-6
@@ -464,11 +470,18 @@ def _better(
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> FittedPieces | None:
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
     base, own = free_parts(start.model, start.free, records)
+    laws, jumps = replace(start.model, values=base.values), not all(t.smooth for t in base.terms)
+    records = creeping([r.at_rest(start.model) for r in records])
     solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
-    laws = replace(start.model, values=base.values)
     if solution is None:
         return None
     model = extended(laws, solution.parts)
+    for part in CREEPS[1:_SHARP] if jumps else ():
+        still = [r.at_rest(model) for r in moved(records, solution.motions)]
+        near = fit_pieces(base, solution.parts, creeping(still, part), cycles)
+        if near is None or not near.converged:
+            break
+        records, solution, model = creeping(still, part), near, extended(laws, near.parts)
     masses = np.linalg.eigvalsh(model.inertia(np.zeros(model.n_coordinates)))
     if not masses[0] > _LIGHTEST * masses[-1]:  # or an equation vanishes
         return None

@@ -121,6 +121,16 @@ class Grid:
 
 
 @dataclass(frozen=True)
+class Abreast(Grid):
+    """Steps of several motions, one after the other, and of what lies between, at their times."""
+
+    times: Array  # (n_steps, 3), of the Gauss points
+
+    def node_times(self, first: int, last: int) -> Array:
+        return self.times[first:last]
+
+
+@dataclass(frozen=True)
 class Trajectory:
     """A motion on a grid: q and q_dot at the start of each step, q_ddot at its Gauss points.
 

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
+from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State, TermEffect
 from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.kernel.linear_steps import Linearisation
-from romsindy.fit.kernel.part import OnCoordinate, Part, extended
+from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.coupling import Along, CoupledTerm
 from romsindy.physics.equations import Equations
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
@@ -26,7 +26,9 @@ def equation_of(
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
     given = (model, tuple(parts), number, record.motion.grid.step, record.clock)
-    return ExtendedEquation(*given, inputs=record.inputs, creep=record.creep)
+    return ExtendedEquation(
+        *given, inputs=record.inputs, creep=record.creep, held_from=record.held_from
+    )
 
 
 @dataclass(frozen=True)
@@ -46,20 +48,25 @@ class ExtendedEquation:
     memories: tuple[Memory | None, ...] = ()  # of parts beside the model; none where it begins
     inputs: Mapping[str, SampledInput] | None = None  # that were measured
     creep: float = 0.0  # velocity below which friction turns round smoothly
+    held_from: tuple[float, ...] = ()  # times at which it holds coordinates for good
 
     @cached_property
     def _beside(self) -> dict[int, Part]:
-        """Those that pull beside the model, by number: no sensors, nor laws of its one table."""
+        """Those that pull beside the model, by number: no sensors, nor laws of its one table.
+
+        Jumps of the model come last: they are averaged over each step, as those of parts are.
+        """
         return {
             i: part
-            for i, part in enumerate(self.parts)
+            for i, part in enumerate((*self.parts, *_jumps(self.model)))
             if not (isinstance(part.effect, ReadingEffect) or _inner(part.effect))
         }
 
     @cached_property
     def _inside(self) -> Equations:
         laws = [p for p in self.parts if _inner(p.effect)]
-        return extended(self.model, laws) if laws else self.model
+        still = [replace(p, strengths=-p.strengths) for p in _jumps(self.model)]
+        return extended(self.model, [*laws, *still]) if laws or still else self.model
 
     @cached_property
     def rates(self) -> list[float]:
@@ -69,28 +76,32 @@ class ExtendedEquation:
         squared = np.diag(stiffness) / np.diag(mass)
         return [float(np.sqrt(x)) if 0 < x < np.inf else 1.0 for x in squared]
 
-    def state(
-        self, t: Array, q: Array, q_dot: Array, q_ddot: Array, *, coordinate: int = 0
-    ) -> State:
-        """What the effects on one coordinate take, (n,) each, from (n, R) states."""
-        own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
-        beside = (self.rates[coordinate], None, self.clock, self.inputs, self.creep)
-        return State(t, own[0], own[1], own[2], self.step, *beside)
+    def state(self, effect: Effect, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
+        """What an effect on one coordinate takes, (n,) each, from (n, R) states."""
+        along = self._direction(effect)
+        own, place = [x @ along for x in (q, q_dot, q_ddot)], int(np.argmax(np.abs(along)))
+        beside = (self.rates[place], None, self.clock, self.inputs, self.creep)
+        alone = self.held_from and np.count_nonzero(along) == 1
+        held = t >= self.held_from[place] if alone else None
+        return State(t, own[0], own[1], own[2], self.step, *beside, held)
 
     def forces(self, effect: Effect, *motion: Array) -> Array | None:
         """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""
         if (law := _inner(effect)) is not None:
             return law.strong(*motion[1:])[None]
-        forces = effect.forces(self.state(*motion, coordinate=effect.acts_on))
+        forces = effect.forces(self.state(effect, *motion))
         return None if forces is None else self._everywhere(effect, forces)
 
     def _everywhere(self, effect: Effect, forces: Array) -> Array:
         """Forces (k, n) on its coordinate, or (k, n, R), in every equation: (k, n, R)."""
-        return forces if forces.ndim == 3 else forces[..., None] * self._unit(effect)
+        return forces if forces.ndim == 3 else forces[..., None] * self._direction(effect)
 
-    def _unit(self, effect: Effect) -> Array:
-        """1 in the equation of the coordinate that an effect acts on, (R,)."""
-        return np.eye(self.model.n_coordinates)[effect.acts_on]
+    def _direction(self, effect: Effect) -> Array:
+        """Along which an effect acts, (R,): 1 for its coordinate, or the weights of its law."""
+        unit = np.eye(self.model.n_coordinates)
+        if isinstance(effect, TermEffect) and isinstance(law := effect.term(), Along):
+            return law.weights @ unit[: len(law.weights)]
+        return unit[effect.acts_on]
 
     def _pulling(self, *motion: Array) -> dict[int, tuple[Part, State]]:
         """Parts beside the model, each with what its effect takes and remembers, by number."""
@@ -98,9 +109,16 @@ class ExtendedEquation:
             return {}
         memories = self.memories or (None,) * len(self._beside)
         return {
-            i: (part, self.state(*motion, coordinate=part.effect.acts_on)._replace(memory=m))
+            i: (part, self.state(part.effect, *motion)._replace(memory=m))
             for (i, part), m in zip(self._beside.items(), memories, strict=True)
         }
+
+    def is_like(self, other: ExtendedEquation) -> bool:
+        """Whether motions of both records follow one equation."""
+        alone = all(isinstance(p.effect, TermEffect) for p in self._beside.values())
+        driven = self.inputs or other.inputs
+        mine, others = ((x.step, x.creep, x.held_from) for x in (self, other))
+        return alone and not driven and mine == others
 
     def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
         """The equation of the motion that goes on from the end of one at its Gauss points."""
@@ -137,8 +155,8 @@ class ExtendedEquation:
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
                 residual = residual + np.tensordot(own, self._everywhere(part.effect, forces), 1)
-                unit = self._unit(part.effect)
-                both = np.outer(unit, unit)
+                along = self._direction(part.effect)
+                both = np.outer(along, along)
                 added = (np.reshape(b, (-1, 1, 1)) * both for b in part.effect.slopes(state, own))
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
         return Linearisation(residual, *slopes)
@@ -166,7 +184,13 @@ class ExtendedEquation:
         return np.concatenate(rows)
 
 
+def _jumps(model: Equations) -> list[Part]:
+    """What jumps in a model, with its strength there."""
+    jumping = [(t, c) for t, c in model.pairs if c and not t.smooth]
+    return [Part(Coefficient(t), (), np.full((1, 1), c)) for t, c in jumping]
+
+
 def _inner(effect: Effect) -> CoupledTerm | None:
-    """A law of several coordinates, which stands in the one table of its model; None of others."""
+    """A smooth law of several coordinates, which stands in the one table of its model."""
     law = None if isinstance(effect, OnCoordinate) else effect.term()
-    return law if isinstance(law, CoupledTerm) else None
+    return law if isinstance(law, CoupledTerm) and law.smooth else None

@@ -8,7 +8,7 @@ measurement.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,7 +17,7 @@ import numpy as np
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
-from romsindy.fit.kernel.linear_response import Response, respond, sampled
+from romsindy.fit.kernel.linear_response import Response, respond_together, sampled
 from romsindy.fit.kernel.part import (
     Part,
     Solution,
@@ -36,6 +36,7 @@ _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
 _WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
 _OFF_THE_FLOOR = 1.0  # of chi-square
+_TOGETHER = 2000  # steps of motions that are linearised at once: what a cache holds
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
@@ -146,8 +147,8 @@ def _linearised(
     n_values = sum(p.size for p in parts)
     system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
     responses, tables = [], []
-    for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        response, rows = linear_table(model, parts, i, record, motion)
+    several = linear_tables(model, parts, records, motions)
+    for i, (response, rows) in enumerate(several):
         where = np.concatenate([columns_of(parts, i), system.states_of(i)])
         system.add(where, rows)
         responses.append(response)
@@ -170,10 +171,36 @@ def linear_table(
     model: Equations, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
-    response = respond(equation_of(model, parts, i, record), motion)
-    change = record.in_orders(parts, response.samples)
-    x = record.in_orders(parts, partial(sampled, motion)) + change[..., 0]
-    return response, record.table(parts, i, x, change[..., 1:])
+    return next(linear_tables(model, parts, [record], [motion], [i]))
+
+
+def linear_tables(
+    model: Equations,
+    parts: tuple[Part, ...],
+    records: Sequence[Prepared],
+    motions: Sequence[Trajectory],
+    numbers: Sequence[int] | None = None,
+) -> Iterator[tuple[Response, Array]]:
+    """The same of many records, by default numbered as they stand."""
+    numbers = numbers or range(len(records))
+    pairs = zip(numbers, records, strict=True)
+    equations = [equation_of(model, parts, i, record) for i, record in pairs]
+    ends, steps = [0], np.cumsum([motion.grid.n_steps for motion in motions])
+    while (first := ends[-1]) < len(motions):
+        most = _TOGETHER + steps[first] - motions[first].grid.n_steps
+        alike = (
+            k
+            for k in range(first + 1, len(motions))
+            if steps[k] > most or not equations[first].is_like(equations[k])
+        )
+        ends.append(next(alike, len(motions)))
+        for k, response in enumerate(
+            respond_together(equations[first], motions[first : ends[-1]]), first
+        ):
+            i, record = numbers[k], records[k]
+            change = record.in_orders(parts, response.samples)
+            x = record.in_orders(parts, partial(sampled, motions[k])) + change[..., 0]
+            yield response, record.table(parts, i, x, change[..., 1:])
 
 
 def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:

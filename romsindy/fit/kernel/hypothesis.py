@@ -5,7 +5,7 @@ Forces that jump are made smooth there; those that remember are parts with what 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +15,8 @@ from scipy.signal import lfilter
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.memory import MemoryEffect, SmallMass
-from romsindy.fit.kernel.part import SMOOTHING, Model, Part, free_coefficients, priors
+from romsindy.fit.kernel.part import Model, Part, free_coefficients, priors
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.physics.coupling import Along
 from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -30,46 +29,23 @@ def free_parts(
 ) -> tuple[Model, tuple[Part, ...]]:
     """A model to fit, and its free coefficients as parts.
 
-    The jump of a free force is averaged over each step in time, which no velocity scale blurs: all
-    of it is in its part, and none in the model. Other jumps are smoothed, and those of several
-    coordinates: one of them may stop while others go on. Forces that remember are in parts, too.
+    All of a free force that jumps is in its part, and none in the model. Forces that remember are
+    in parts, too.
     """
     memories = memory_parts(model, records)
     remembering = {law.key for law in model.memories}
     names = [name for name in names if name not in remembering]
-    alone = {t.key for t in model.terms if not (t.smooth or isinstance(t, Along))}
-    apart = alone & {*names}
+    apart = {t.key for t in model.terms if not t.smooth} & {*names}
     values = model.coefficients
     outside = apart | remembering
     inside = tuple(0.0 if name in outside else value for name, value in values.items())
-    left = smoothed(replace(model, values=inside), records, apart)
+    left = replace(model, values=inside)
     parts = free_coefficients(left, names)
     free = (
         replace(p, strengths=np.full((1, 1), values[name])) if name in apart else p
         for name, p in zip(names, parts, strict=True)
     )
     return left, (*free, *memories)
-
-
-def smoothed(model: Model, records: Sequence[Prepared], but: Collection[str] = ()) -> Model:
-    """Model whose dry friction is smooth at the speeds of the records, each in its direction.
-
-    Coefficients with names that stand in ``but`` keep their jump.
-    """
-    stays = [term.smooth or term.key in but for term in model.terms]
-    if all(stays):
-        return model
-    q_dot = np.concatenate([r.motion.q_dot for r in records])
-    terms = tuple(
-        t if stay else t.regularised(SMOOTHING * _fastest(t, q_dot))
-        for t, stay in zip(model.terms, stays, strict=True)
-    )
-    return replace(model, terms=terms)
-
-
-def _fastest(term: Term, q_dot: Array) -> float:
-    weights = np.array(term.weights) if isinstance(term, Along) else np.ones(1)
-    return float(np.abs(q_dot[:, : len(weights)] @ weights).max())
 
 
 def memory_parts(model: TermSum, records: Sequence[Prepared]) -> tuple[Part, ...]:

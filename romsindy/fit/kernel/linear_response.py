@@ -10,11 +10,13 @@ measured motion need no growing horizon: the phase is right from the beginning.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.kernel.collocation import Grid, Trajectory, end_states, interpolated
+from romsindy.fit.kernel.collocation import Abreast, Grid, Trajectory, end_states, interpolated
 from romsindy.fit.kernel.linear_steps import (
     Equation,
     LinearSteps,
@@ -71,17 +73,23 @@ class Response:
         )
 
 
-def respond(equation: Equation, motion: Trajectory, forces: Array | None = None) -> Response:
+def respond(
+    equation: Equation,
+    motion: Trajectory,
+    forces: Array | None = None,
+    between: Sequence[int] = (),
+) -> Response:
     """Linear response of a motion that need not satisfy the equation, nor join from step to step.
 
     ``forces`` (m, 3 n_steps, R) are added to the residual at the Gauss points, each for one column:
-    by default its derivatives by the values of the equation.
+    by default its derivatives by the values of the equation. Steps ``between`` motions that stand
+    one after the other lead from each to the start of the next.
     """
     if forces is None:
         forces = equation.by_parameter(*nodes(motion))
     h, state = motion.grid.step, (motion.q, motion.q_dot, motion.q_ddot)
     t = motion.grid.node_times(0, motion.grid.n_steps)
-    system = LinearSteps.at(equation, h, t, *state)
+    system = replace(LinearSteps.at(equation, h, t, *state), between=between)
     residual = system.residual.reshape(1, *forces.shape[1:])
     force, start = _columns(motion, -np.concatenate([residual, forces]))
     jump = np.zeros((len(t), *start.shape))
@@ -89,6 +97,27 @@ def respond(equation: Equation, motion: Trajectory, forces: Array | None = None)
     jump[:, 0, :, 0] = motion.q[:-1] + h * motion.q_dot[:-1] + rise - motion.q[1:]
     jump[:, 1, :, 0] = motion.q_dot[:-1] + gain - motion.q_dot[1:]
     return Response(motion, *_solved(equation, motion, system, force, start, jump))
+
+
+def respond_together(equation: Equation, motions: Sequence[Trajectory]) -> list[Response]:
+    """`respond` of motions with steps of one length, by one equation.
+
+    All at once: of short motions most of the time goes into calls, not into numbers.
+    """
+    if len(motions) == 1:
+        return [respond(equation, motions[0])]
+    gap = np.zeros((1, *motions[0].q_ddot.shape[1:]))
+    q_ddot = np.concatenate([x for m in motions for x in (m.q_ddot, gap)][:-1])
+    times = [x for m in motions for x in (m.grid.node_times(0, m.grid.n_steps), gap[..., 0])]
+    q, q_dot = (np.concatenate(x) for x in zip(*((m.q, m.q_dot) for m in motions), strict=True))
+    firsts, none = np.cumsum([0, *(len(m.q) for m in motions)]), np.zeros(0)
+    step, t = motions[0].grid.step, np.concatenate(times[:-1])
+    joined = Trajectory(Abreast(0.0, step, len(t), none, none, t), q, q_dot, q_ddot)
+    found = respond(equation, joined, between=(firsts[1:-1] - 1).tolist())
+    return [
+        Response(m, found.q[a:b], found.q_dot[a:b], found.q_ddot[a : b - 1])
+        for m, (a, b) in zip(motions, itertools.pairwise(firsts), strict=True)
+    ]
 
 
 def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:

@@ -11,6 +11,7 @@ triangular system for the R coordinates and their velocities.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -105,6 +106,7 @@ class LinearSteps:
     stages: Array  # (n, 3 R, 3 R): what the accelerations do to the residual
     by_state: Array  # (n, 3 R, 2 R): what q and q_dot at the start of the step do to it
     mass: Array  # (3 n, R, R)
+    between: Sequence[int] = ()  # steps that only lead from one motion to the start of the next
 
     @classmethod
     def at(
@@ -146,7 +148,9 @@ class LinearSteps:
     def transition(self) -> Array:
         """What q and q_dot at the start of a step do to those at its end, (n, 2 R, 2 R)."""
         r = self.mass.shape[-1]
-        return self._end(r) @ self.by_start + _for_each(np.array([[1.0, self.h], [0.0, 1.0]]), r)
+        found = self._end(r) @ self.by_start + _for_each(np.array([[1.0, self.h], [0.0, 1.0]]), r)
+        found[[*self.between]] = 0.0
+        return found
 
     def _end(self, r: int) -> Array:
         """What the accelerations in a step do to q and q_dot at its end, (2 R, 3 R)."""
@@ -157,17 +161,17 @@ class LinearSteps:
     ) -> tuple[Array, Array, Array]:
         """Small changes of q, q_dot (n + 1, R, m) and q_ddot (n, 3, R, m) by a residual -force.
 
-        ``force`` has shape (n, 3, R, m), ``start`` the change of the first state, (2, R, m),
-        ``jump`` (n, 2, R, m) what is added to q and q_dot at the end of each step.
+        ``force`` has shape (n, 3, R, m), ``start`` the change of the first state, (2, R, m), of
+        every motion, ``jump`` (n, 2, R, m) what is added to q and q_dot at the end of each step.
         """
         n, _, r, m = force.shape
         direct = self._solved @ force.reshape(n, 3 * r, m)
         x = np.zeros((n + 1, 2 * r, m))
         x[1:] = self._end(r) @ direct
-        if start is not None:
-            x[0] = start.reshape(2 * r, m)
         if jump is not None:
             x[1:] += jump.reshape(n, 2 * r, m)
+        if start is not None:
+            x[[0, *(step + 1 for step in self.between)]] = start.reshape(2 * r, m)
         states = _recursion(self.transition, x)
         q_ddot = direct + self.by_start @ states[:n]
         return states[:, :r], states[:, r:], q_ddot.reshape(force.shape)

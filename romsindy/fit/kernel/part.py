@@ -287,21 +287,12 @@ class OnCoordinate(Effect):
     def shaped(self, values: Mapping[str, float]) -> OnCoordinate:
         return replace(self, of=self.of.shaped(values)) if values else self
 
-    @property
-    def _acting(self) -> Effect:
-        """What acts: smooth, for a coordinate that friction stops is moved by the others."""
-        law = self.of.term()
-        if law is None or law.smooth:
-            return self.of
-        fastest = self.scales.amplitude * self.scales.omega
-        return Coefficient(law.regularised(SMOOTHING * fastest))
-
     def forces(self, state: State) -> Array | None:
         """From the state of its coordinate."""
-        return self._acting.forces(state)
+        return self.of.forces(state)
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
-        return self._acting.slopes(state, strengths)
+        return self.of.slopes(state, strengths)
 
     def term(self) -> Along | None:
         """The law along the coordinate."""

@@ -19,6 +19,7 @@ from romsindy.typing import Array
 
 R = TypeVar("R", bound="Prepared")
 _ACCELERATION = 2
+_SHORTEST = 4.0  # cycles of the slowest coordinate in a piece
 
 
 class Prepared(ABC):
@@ -31,6 +32,8 @@ class Prepared(ABC):
     tones: tuple[Ridge, ...] = ()  # the fundamentals of several coordinates that ring
     since: float = 0.0  # where it starts in the record that it is a piece of, s
     creep: float = 0.0  # velocity over which dry friction turns round in its motions
+    # From when on friction holds each coordinate, s from the start of all of it; or none
+    held_from: tuple[float, ...] = ()
     inputs: Mapping[str, SampledInput]  # what drives it, by name: nothing drives a decay
 
     @property
@@ -142,8 +145,17 @@ class Prepared(ABC):
         return self.until(float(self.t[samples - 1]))
 
     def pieces(self: R, count: int) -> list[R]:
-        """In so many stretches, each with a state of its own at its start; some stay whole."""
-        ends = np.linspace(0, self.motion.grid.n_steps, count + 1).round().astype(int)
+        """In so many stretches, each with a state of its own at its start; some stay whole.
+
+        Where friction begins to hold a coordinate there is one more: nothing tells how it stopped.
+        """
+        grid = self.motion.grid
+        ends = np.linspace(0, grid.n_steps, count + 1)
+        short = grid.n_steps * min(0.25 / count, _SHORTEST / self.turns)
+        for stop in (np.array(self.held_from) - grid.start) / grid.step:
+            if short < stop < grid.n_steps - short:
+                ends = np.sort([*ends[np.abs(ends - stop) > short], stop])
+        ends = ends.round().astype(int)
         return [self.between_steps(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
     def between_steps(self: R, first: int, last: int) -> R:
@@ -263,6 +275,6 @@ def creeping(records: Sequence[R], part: float = CREEPS[0]) -> list[R]:
     """The same; in those that inputs drive, friction turns round over a part of the velocity."""
     largest = [float(np.abs(r.motion.q_dot).max()) for r in records]
     return [
-        replace(r, creep=part * v) if r.driven else r  # type: ignore[type-var]
+        replace(r, creep=part * v) if r.driven or r.motion.q.shape[1] > 1 else r  # type: ignore[type-var]
         for r, v in zip(records, largest, strict=True)
     ]

@@ -25,11 +25,14 @@ from scipy.interpolate import BSpline
 from romsindy.effects.base import ReadingEffect, SampledInput
 from romsindy.effects.outside import Bias
 from romsindy.fit.kernel.collocation import Grid, Trajectory
-from romsindy.fit.kernel.part import Part, Reading
+from romsindy.fit.kernel.part import SMOOTHING, Part, Reading
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.driven import AFFORDABLE, inputs_of_record, quiet_noise, steps_for
 from romsindy.fit.records.modes import Modes, motion_behind
 from romsindy.fit.records.record import NUMERICS, Record
+from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupling import Along
+from romsindy.physics.damping import Friction
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
@@ -178,6 +181,7 @@ class CoupledRecord(Prepared):
     # Where it starts in the record that it is a piece of, s: tones have the times of that
     since: float = 0.0
     creep: float = 0.0
+    held_from: tuple[float, ...] = ()
     # The measured inputs by name, where any drive it
     inputs: Mapping[str, SampledInput] = field(default_factory=dict)
 
@@ -212,9 +216,10 @@ class CoupledRecord(Prepared):
         )
         fastest = max(float(tone.frequency.max()) for tone in tones)
         grid = Grid.over(t, 1 / fastest, _STEPS, _PARTS)
-        return cls(
-            decay, signals.T.ravel(), noise, shapes, _motion(grid, tones, decay.derivative), tones
-        )
+        motion = _motion(grid, tones, decay.derivative)
+        # A coordinate that friction stops is moved by the others.
+        creep = SMOOTHING * float(np.abs(motion.q_dot).max())
+        return cls(decay, signals.T.ravel(), noise, shapes, motion, tones, creep=creep)
 
     @cached_property
     def frequencies(self) -> Array:
@@ -279,6 +284,24 @@ class CoupledRecord(Prepared):
     def until(self, end: float) -> CoupledRecord:
         """The first seconds of every channel, with the noise of all of it."""
         return self.between_steps(0, self.motion.grid.until(end).n_steps)
+
+    def at_rest(self, model: CoupledModel) -> CoupledRecord:
+        """The same, with the times from which on dry friction of the model holds coordinates.
+
+        It does once a vibration, as it was followed, is smaller than what friction holds; of one
+        that was not followed the motion tells.
+        """
+        held, ends = [np.inf] * len(self.tones), self.motion.grid.ends
+        for i, (tone, rate) in enumerate(
+            zip(self.tones, 2 * np.pi * self.frequencies, strict=True)
+        ):
+            friction = model.coefficients.get(Along.coordinate(Friction(), i + 1).key, 0.0)
+            size = np.abs(tone.z(ends)) / rate**self.derivative * tone.inside(ends)
+            size = size if size.any() else np.abs(self.motion.q_dot[:, i]) / rate
+            last = np.flatnonzero(size > friction / rate**2).max(initial=-1)
+            if friction > 0 and 0 <= last < len(ends) - 1:
+                held[i] = float(ends[last + 1])
+        return replace(self, held_from=tuple(held) if min(held) < np.inf else ())
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
