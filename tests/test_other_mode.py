@@ -10,6 +10,10 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.diagnosis import other_mode
 from romsindy.effects import CubicStiffness, DryFriction, Hum, SecondMode
+from romsindy.fit.records.record import Record
+from romsindy.record.files import load_decay
+from romsindy.record.files.save import save_decay
+from romsindy.record.ringing import beside
 
 OMEGA, GAMMA, DAMPING = 2 * np.pi * 10.0, 900.0, 0.6
 SEEN, NOISE = 0.5, 1e-3  # what the sensor shows of the other mode; m
@@ -159,3 +163,25 @@ def test_the_clamped_beam_lacks_its_third_mode(measured, monkeypatch):
     assert report.verdict == "named" and "through a 1:5 resonance near 1.0" in report.sentence
     assert "V q1^3 q2" in {t.key for t in report.interaction.couplings}
     assert report.interaction.before > 5 * report.interaction.after
+
+
+def ringing(ratio):
+    """A decay whose second mode rings with so many times the acceleration of the first."""
+    t = np.arange(0, 12, 0.004)
+    waves = (np.exp(-0.005 * w * t) * np.cos(w * t) for w in (2 * np.pi * 5.0, 2 * np.pi * 31.0))
+    first, second = waves
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    return rs.Decay.from_acceleration(t, first + ratio * second + noise, unit="m")
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.15, 2.0])
+def test_a_mixture_of_modes_is_told_by_its_accelerations(ratio, tmp_path):
+    decay = rs.inspect(ringing(ratio)).decays()[0]
+    # Both die in time with their frequency: what was followed begins within a window of it.
+    assert decay.beside == pytest.approx(ratio, rel=0.1)
+    assert beside(ringing(ratio), np.array([5.0])) == pytest.approx(ratio, rel=0.1)
+    path = tmp_path / "alone.csv"
+    save_decay(decay, path)
+    assert load_decay(path).beside == decay.beside
+    said = " ".join(Record.of(decay, 1e-6).remarks)
+    assert ("this mixture of modes" in said) == (ratio > 0.3)

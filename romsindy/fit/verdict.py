@@ -46,6 +46,10 @@ CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 
+# Acceleration of other modes, as a part of that of the modes that are modelled, from which on it is
+# told: where a joint slips, what slips it counts, whichever mode that is.
+MIXED = 0.3
+
 # -- which terms are needed? (`romsindy.fit.choice`) -------------------------------------
 
 # A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that

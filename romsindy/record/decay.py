@@ -67,6 +67,8 @@ class Decay(Measurement):
     leftover : float
         Rms of what other vibrations left when this one was isolated, unit of the measured signal.
         It counts as noise when a model is judged.
+    beside : float
+        Largest acceleration of these other vibrations, as a part of its own.
 
     Raises
     ------
@@ -90,6 +92,7 @@ class Decay(Measurement):
     notes: tuple[str, ...] = ()
     stage: Stage = "raw"
     leftover: float = 0.0
+    beside: float = 0.0
 
     def __post_init__(self) -> None:
         for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):

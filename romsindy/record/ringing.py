@@ -159,6 +159,20 @@ def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
     return [v for some in (alone, behind) for v in sorted(some, key=lambda v: ranks[v])]
 
 
+def beside(decay: Decay, frequencies: Array) -> float:
+    """Largest acceleration of what rings beside some frequencies (Hz), over that of what has them.
+
+    Of vibrations that were subtracted before as well. Harmonics do not count, nor what is faint.
+    """
+    own, others = 0.0, [0.0]
+    for v in (v for channel in _heard(decay) for v in channel[0]):
+        if np.min(np.abs(np.log(v.mean_frequency / frequencies))) < np.log(NEAR):
+            own = max(own, v.acceleration)
+        elif not v.faint:
+            others.append(v.acceleration)
+    return max(decay.beside, max(others) / own if own else 0.0)
+
+
 def _off(one: Vibration, other: Vibration) -> float:
     """Logarithm of the ratio of their frequencies."""
     return abs(float(np.log(one.small_frequency / other.small_frequency)))

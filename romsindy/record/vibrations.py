@@ -116,6 +116,11 @@ class Vibration:
         """Amplitudes of the displacement there, (n,)."""
         return _displacement(self.tone, self.tone.t, self.derivative)
 
+    @property
+    def acceleration(self) -> float:
+        """Its largest amplitude of acceleration."""
+        return float(np.max((2 * np.pi * self.frequency) ** 2 * self.displacement))
+
     @cached_property
     def loud(self) -> Stretch:
         """Where its displacement is largest."""
@@ -530,6 +535,7 @@ def isolated(
         notes=notes,
         stage="free",
         leftover=float(leftover),
+        beside=max((v.acceleration for v in told), default=0.0) / own.acceleration,
         **signals,
     )
 

@@ -41,7 +41,7 @@ from romsindy.fit.records.arguments import (
 )
 from romsindy.fit.records.coupled import CoupledRecord, coupled_records, curved_shapes, free_shapes
 from romsindy.fit.records.modes import modes_of
-from romsindy.fit.records.record import NUMERICS
+from romsindy.fit.records.record import NUMERICS, mixture
 from romsindy.fit.results.estimate import stand_ins
 from romsindy.fit.results.fitted import Fit, examined, refined, with_choice_error
 from romsindy.fit.verdict import MODE
@@ -53,7 +53,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Given
-from romsindy.record.ringing import LOUD, NEAR, names_of, ringing_in
+from romsindy.record.ringing import LOUD, NEAR, beside, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
 
@@ -120,7 +120,9 @@ def identify_coupled(
     every = every_choice(reached, moved(pieces, fit.solution.motions))
     fit = with_choice_error(fit, every) if every else fit
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
-    notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted), *stand_ins(fit))
+    both = max(beside(decay, small_frequencies(fit.model)) for decay in free)
+    notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted), *mixture(both))
+    notes = (*notes, *stand_ins(fit))
     return replace(fit, solution=solution, notes=notes)
 
 

@@ -15,10 +15,11 @@ from scipy.ndimage import uniform_filter1d
 from romsindy.effects.base import SampledInput, Scales
 from romsindy.fit.kernel.collocation import Grid, Trajectory
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.verdict import QUIET, RELEASED
+from romsindy.fit.verdict import MIXED, QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
+from romsindy.record.ringing import beside
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.spectrum import Line, Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
@@ -156,7 +157,8 @@ class Record(Prepared):
                 f"another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g}, is counted as"
                 " noise; it is no part of this model"
             )
-        return found
+        both = beside(self.decay, self.frequencies) if self.noise.lines else self.decay.beside
+        return [*found, *mixture(both)]
 
     def alone(self, residual: Array) -> list[tuple[Record, Array]]:
         return [(self, self.whitened(residual))]
@@ -319,3 +321,12 @@ def sharing_drift(records: Sequence[Record]) -> list[Record]:
 
 # Errors of the integration, as a part of the largest amplitude.
 NUMERICS = 1e-6
+
+
+def mixture(both: float) -> list[str]:
+    """What to know where other modes ring with so many times the acceleration of those modelled."""
+    return [
+        f"other modes ring with up to {both:.2g} times the acceleration of what is modelled: where"
+        " a joint slips, frequency and damping hold for this mixture of modes alone; to know them"
+        " without the others, drive it at its frequency, and record what follows without the drive"
+    ] * (both > MIXED)
