@@ -12,9 +12,8 @@ import click
 import numpy as np
 from markupsafe import Markup, escape
 
-from romsindy.commands.analysis import Asked
 from romsindy.commands.main import INTERRUPTED, REFUSED
-from romsindy.commands.measurement import Selection, mode_options
+from romsindy.commands.measurement import Asked, Selection, mode_options
 from romsindy.commands.options import (
     READING,
     fix_option,
@@ -39,7 +38,7 @@ _HEADINGS = {
     "Which records": "--out --pages --jobs --dask",
     "Reading": READING,
     "What is looked for": "--mode --band --release --fix --curvature --seed",
-    "The summary": "--amplitude --compare --interactive --force",
+    "The summary": "--amplitude --compare --interactive --overwrite",
 }
 
 

@@ -38,7 +38,7 @@ _NOTHING = Tolerance(0.0, 0.0, 0.0)
 _HEADINGS = {
     "Reading": READING,
     "What is compared": "--mode --band --release",
-    "Output": "--save --report --interactive --force",
+    "Output": "--save --report --interactive --overwrite",
 }
 
 

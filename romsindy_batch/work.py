@@ -14,8 +14,7 @@ from urllib.parse import quote
 import numpy as np
 from joblib import Parallel, delayed
 
-from romsindy.commands.analysis import Asked, identified
-from romsindy.commands.measurement import Analysis, Selection, analysed
+from romsindy.commands.measurement import Analysis, Asked, Selection, analysed, identified
 from romsindy.commands.results import Result
 from romsindy.show.identified import Identified
 from romsindy.show.panels import pictures, write_result

@@ -13,9 +13,8 @@ from click.testing import CliRunner
 from scipy.stats import ttest_ind
 
 from romsindy.commands import analysis
-from romsindy.commands.analysis import Asked
 from romsindy.commands.main import main
-from romsindy.commands.measurement import Selection
+from romsindy.commands.measurement import Asked, Selection
 from romsindy_batch.entries import Entry, entries_of
 from romsindy_batch.pictures import pictures
 from romsindy_batch.store import Store
@@ -321,7 +320,7 @@ def test_one_bad_file_stops_nothing_and_nothing_is_done_twice(run, folder):
         (["list.csv", "--amplitude", "-1"], "--amplitude"),
         (["nowhere"], "nowhere"),
         (["list.csv", "--compare", "specimen", "A", "B"], "columns of the table are temperature"),
-        (["list.csv", "--out", ".", "--force"], "no output replaces an input"),
+        (["list.csv", "--out", ".", "--overwrite"], "no output replaces an input"),
     ],
 )
 def test_what_cannot_be_a_batch_is_refused(run, folder, words, message):

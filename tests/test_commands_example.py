@@ -87,9 +87,9 @@ def test_nothing_is_overwritten_unasked(tmp_path):
     run = CliRunner().invoke
     refused = run(main, ["example", str(tmp_path)])
     assert refused.exit_code == 2 and "already has decay.csv" in refused.output
-    assert "--force" in refused.output and not (tmp_path / "run1.csv").exists()
+    assert "--overwrite" in refused.output and not (tmp_path / "run1.csv").exists()
     assert (tmp_path / "decay.csv").read_text() == "mine"
-    assert run(main, ["example", str(tmp_path), "--force"]).exit_code == 0
+    assert run(main, ["example", str(tmp_path), "--overwrite"]).exit_code == 0
     assert load_decay(tmp_path / "decay.csv").unit == "m"
     assert (tmp_path / "other.csv").read_text() == "mine, too"
 

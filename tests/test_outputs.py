@@ -102,7 +102,7 @@ def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
         *["other.csv" for p in others if p not in (source, output)],
         *words(source, path.name),
         *words(output, other),
-        "--force",
+        "--overwrite",
     )
     assert result.exit_code == 2 and "no output replaces an input" in result.stderr, result.stderr
     assert path.read_text() == "kept" and other.exists() == (way != "case")
@@ -129,7 +129,7 @@ def test_pages_with_names_of_their_own_replace_nothing(run, tmp_path, arguments,
     assert result.exit_code == 2 and words in result.stderr
     (tmp_path / page).unlink()
     (tmp_path / page).symlink_to("a.csv")
-    result = run(*(a.replace("FILE", "a.csv") for a in arguments), "--force")
+    result = run(*(a.replace("FILE", "a.csv") for a in arguments), "--overwrite")
     assert result.exit_code == 2 and "no output replaces an input" in result.stderr
     assert (tmp_path / "a.csv").read_text() == "kept"
 
@@ -154,7 +154,7 @@ def test_two_outputs_never_share_a_file(run, tmp_path, arguments):
     assert {p.name for p in tmp_path.iterdir()} == {"a.csv", "m.json"}
 
 
-def test_a_file_is_replaced_by_what_made_it_or_with_force(run, tmp_path):
+def test_a_file_is_replaced_by_what_made_it_or_where_that_is_asked(run, tmp_path):
     """A model as C over itself, but not over something else."""
     (tmp_path / "m.json").write_text('{"coefficients": {"omega^2": 36.0}}')
     export = ["export", "m.json", "--to", "matlab", "--output", "m.m"]
@@ -163,9 +163,11 @@ def test_a_file_is_replaced_by_what_made_it_or_with_force(run, tmp_path):
     assert run(*export).exit_code == 0 and (tmp_path / "m.m").read_text() == first
     (tmp_path / "m.m").write_text("by hand")
     result = run(*export)
-    assert result.exit_code == 2 and "overwrite it with --force" in result.stderr
+    assert result.exit_code == 2 and "overwrite it with --overwrite" in result.stderr
     assert (tmp_path / "m.m").read_text() == "by hand"
-    assert run(*export, "--force").exit_code == 0 and (tmp_path / "m.m").read_text() == first
+    assert run(*export, "--overwrite").exit_code == 0 and (tmp_path / "m.m").read_text() == first
+    result = run(*export, "--force")
+    assert result.exit_code == 2 and "files are overwritten with --overwrite" in result.stderr
 
 
 def test_every_kind_of_output_knows_itself(run, tmp_path):
@@ -285,7 +287,7 @@ def test_a_page_that_fails_costs_no_result(run, tmp_path, monkeypatch, failure, 
 
     monkeypatch.setattr(results, "write_result", fail)
     (tmp_path / "page.html").write_text("old")
-    result = run("regress", "decay.csv", "--report", "page.html", "--force",
+    result = run("regress", "decay.csv", "--report", "page.html", "--overwrite",
                  "--full", "--model", "m.json")  # fmt: skip
     assert result.exit_code == code and "omega^2" in result.stdout
     assert "Report: not written" in result.stdout and "Model: m.json" in result.stdout

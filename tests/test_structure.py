@@ -379,7 +379,7 @@ def test_no_output_replaces_what_a_deck_includes(deck, monkeypatch, tmp_path):
     (tmp_path / "material.inc").write_text("*MATERIAL" + rest)
     (tmp_path / "main.inp").write_text(head + "*INCLUDE, INPUT=material.inc\n")
     for output in ("material.inc", "main.cases.npz"):
-        given = ["reduce", "main.inp", "--range", "1", "--save", output, "--force"]
+        given = ["reduce", "main.inp", "--range", "1", "--save", output, "--overwrite"]
         done = CliRunner().invoke(main, given)
         assert done.exit_code == 2 and "no output replaces an input" in done.output, done.output
     assert (tmp_path / "material.inc").read_text() == "*MATERIAL" + rest

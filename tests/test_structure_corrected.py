@@ -243,7 +243,7 @@ def test_what_cannot_be_written_back(folder, content, words):
 def test_the_deck_itself_is_not_replaced(folder):
     (folder / "d.json").write_text(json.dumps(_diagnosis(None, modulus=1.1)))
     before = (folder / "arch.inp").read_bytes()
-    done = _export("-o", "arch.inp", "--force")
+    done = _export("-o", "arch.inp", "--overwrite")
     assert done.exit_code == 2 and "is the deck, arch.inp: no output replaces" in done.output
     assert (folder / "arch.inp").read_bytes() == before
     # What was written by the same command is.

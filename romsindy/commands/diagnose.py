@@ -128,7 +128,7 @@ _HEADINGS = {
     "Measured inputs": INPUTS,
     "What does not matter": "--tolerance --repeats --reference --floor",
     "What the simulation is unsure of": "--free --tolerances",
-    "Output": "--budget --full --exit-code --report --interactive --json --csv --force",
+    "Output": "--budget --full --exit-code --report --interactive --json --csv --overwrite",
 }
 
 

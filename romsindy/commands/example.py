@@ -170,8 +170,8 @@ _BEAM_NEXT = ("romsindy diagnose --measured beam_test.csv --beam beam.toml",)
 @click.command()
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), metavar="DIR")
 @click.option("--beam", is_flag=True, help="Write a beam and its decay instead, in some 10 s more.")
-@click.option("--force", is_flag=True, help="Overwrite files of these names.")
-def example(folder: Path, beam: bool, force: bool) -> None:
+@click.option("--overwrite", is_flag=True, help="Overwrite files of these names.")
+def example(folder: Path, beam: bool, overwrite: bool) -> None:
     """Write the files that README and docs use to DIR.
 
     Records are simulated on the spot and have 40 dB of noise: they show how romsindy is used, not
@@ -180,10 +180,10 @@ def example(folder: Path, beam: bool, force: bool) -> None:
     """
     files, following = (_BEAM_FILES, _BEAM_NEXT) if beam else (_FILES, _NEXT)
     there = [name for name, *_ in files if (folder / name).exists()]
-    if there and not force:
+    if there and not overwrite:
         raise click.UsageError(
             f"{folder} already has {', '.join(there)}: name another folder, or overwrite with"
-            " --force"
+            " --overwrite"
         )
     folder.mkdir(parents=True, exist_ok=True)
     for name, what, write in files:

@@ -43,7 +43,7 @@ from romsindy.typing import Array
 _STDOUT = Path("-")
 _MARK = "romsindy export"
 _HEADINGS = {
-    "What is written": "--to --deck --short --name --inertia --freedom --output --force",
+    "What is written": "--to --deck --short --name --inertia --freedom --output --overwrite",
     "Both decks in time": "--dynamic --measured --cycles --steps",
     "Reading of the measurement": f"{READING} --release",
 }

@@ -10,8 +10,16 @@ from typing import Any
 
 import click
 
-from romsindy.commands.analysis import USUAL, Asked, identified
-from romsindy.commands.measurement import Selection, inspected, mode_options, of_file, of_one_mode
+from romsindy.commands.measurement import (
+    USUAL,
+    Asked,
+    Selection,
+    identified,
+    inspected,
+    mode_options,
+    of_file,
+    of_one_mode,
+)
 from romsindy.commands.options import (
     FILE,
     INPUTS,
@@ -217,7 +225,7 @@ _HEADINGS = {
     "What is looked for": "--mode --band --release --coordinates --fix --curvature"
     " --damping-split --seed",
     "Measured inputs": f"{INPUTS} --select --order --damping --held-out",
-    "Output": "--jobs --full --report --interactive --json --model --save --figure --force",
+    "Output": "--jobs --full --report --interactive --json --model --save --figure --overwrite",
 }
 
 

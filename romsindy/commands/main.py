@@ -34,6 +34,7 @@ _COMMANDS = {
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
     "steady": "Fit an equation of motion to the steady states in the table POINTS.",
 }
+OVERWRITES = "files are overwritten with --overwrite"  # what --force did
 REFUSED = 2
 INTERRUPTED = 130  # as a shell reports Ctrl-C
 
@@ -68,6 +69,8 @@ def _elsewhere(error: click.UsageError) -> str:
     """Which commands have an option that this one has not: nearer than one of a like name."""
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
         return ""
+    if error.option_name == "--force":
+        return f"--force is the force of a test: {OVERWRITES}"
     have = [
         f"romsindy {name}"
         for name in (*_COMMANDS, *_added())

@@ -2,7 +2,7 @@
 
 Every option of type `Output` is checked before the work, and so is a page with a name of its own
 (`default_page`). A file that is there already is replaced where the same command made the same kind
-of file before, as marks in its content say, or with ``--force``.
+of file before, as marks in its content say, or with ``--overwrite``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from romsindy.record.files.save import is_stream, write_whole
 PAGE = '<meta name="generator" content="romsindy {command}">'
 JSON = '"made_by": "romsindy {command} {option}"'
 _PART = 1 << 16  # bytes at either end of a file, in which marks stand
-_FORCE, _CLAIMED, _LOST, _STOPPED = (f"romsindy.{x}" for x in ("force", "claimed", "lost", "stop"))
+_OVERWRITE, _CLAIMED, _LOST, _STOPPED = (
+    f"romsindy.{x}" for x in ("overwrite", "claimed", "lost", "stop")
+)
 
 
 class Output(click.Path):
@@ -60,7 +62,7 @@ class Output(click.Path):
 class WritingCommand(click.Command):
     """A command that checks its outputs before it runs, and tells last what could not be written.
 
-    It has the option ``--force`` beside its own. Its --help lists them under ``headings``, which
+    It has the option ``--overwrite`` beside its own. Its --help lists all under ``headings``, which
     have names of options, between blanks; what is in none stands under "Other". Without any all
     stand under "Options".
     """
@@ -71,7 +73,7 @@ class WritingCommand(click.Command):
         super().__init__(*args, **settings)
         self.headings = headings or {}
         words = "Overwrite files that are there, whoever made them; never an input."
-        self.params.append(click.Option(["--force"], is_flag=True, help=words))
+        self.params.append(click.Option(["--overwrite"], is_flag=True, help=words))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options heading by heading, each in the order of its names."""
@@ -87,7 +89,7 @@ class WritingCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> None:
         """Run it; the exit code says if a file was not written."""
-        ctx.meta.update({_FORCE: ctx.params.pop("force"), _CLAIMED: {}, _LOST: {}})
+        ctx.meta.update({_OVERWRITE: ctx.params.pop("overwrite"), _CLAIMED: {}, _LOST: {}})
         for param in self.params:
             if isinstance(param.type, Output) and ctx.params[param.name or ""] is not None:
                 _claim(ctx, _label(param), ctx.params[param.name or ""], param.type.mark)
@@ -119,12 +121,12 @@ def default_page(name: str, remedy: str = "name another with --report") -> Path:
 def claim_folder(folder: Path, page: str) -> None:
     """Raise a UsageError for a folder with files, unless this command wrote its page there."""
     ctx = click.get_current_context()
-    if ctx.meta[_FORCE] or not folder.is_dir() or not any(folder.iterdir()):
+    if ctx.meta[_OVERWRITE] or not folder.is_dir() or not any(folder.iterdir()):
         return
     if not (folder / page).is_file() or not _holds(folder / page, PAGE, ctx):
         raise click.UsageError(
             f"the folder {folder} holds files that romsindy {ctx.info_name} did not write: name"
-            " another folder, or let files of the same name be overwritten with --force",
+            " another folder, or let files of the same name be overwritten with --overwrite",
             ctx,
         )
 
@@ -147,10 +149,10 @@ def _claim(
         if _same(path, other):
             both = f"{path}" if str(path) == str(other) else f"{path} and {other}"
             raise click.UsageError(f"{label} and {name} are one file, {both}: {remedy}", ctx)
-    if path.is_file() and not ctx.meta[_FORCE] and not _holds(path, mark, ctx, label):
+    if path.is_file() and not ctx.meta[_OVERWRITE] and not _holds(path, mark, ctx, label):
         raise click.UsageError(
             f"{label} {path} exists, and romsindy {ctx.info_name} did not write it there before:"
-            f" {remedy}, or overwrite it with --force",
+            f" {remedy}, or overwrite it with --overwrite",
             ctx,
         )
     ctx.meta[_CLAIMED][path] = label

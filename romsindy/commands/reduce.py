@@ -30,7 +30,7 @@ _MODES, _HIGHER = 20, 10  # that are computed, and above the one that is kept: t
 _HEADINGS = {
     "What is reduced": "--mode --range --sensor --damping-ratio --units --order",
     "CalculiX": "--ccx --store --folder --jobs",
-    "Output": "--save --report --interactive --quiet --force",
+    "Output": "--save --report --interactive --quiet --overwrite",
 }
 
 

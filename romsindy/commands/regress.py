@@ -9,8 +9,14 @@ from typing import Any
 
 import click
 
-from romsindy.commands.analysis import USUAL, Recipe, regressed
-from romsindy.commands.measurement import Selection, mode_options, of_one_mode
+from romsindy.commands.measurement import (
+    USUAL,
+    Recipe,
+    Selection,
+    mode_options,
+    of_one_mode,
+    regressed,
+)
 from romsindy.commands.options import (
     FILE,
     READING,
@@ -43,7 +49,7 @@ _HEADINGS = {
     "Reading": f"{READING} --example",
     "What is looked for": "--mode --band --release --amplitude --fix --seed",
     "The regression": "--weighted --plain --order --damping --harmonics --cutoff",
-    "Output": "--jobs --full --report --interactive --json --model --figure --force",
+    "Output": "--jobs --full --report --interactive --json --model --figure --overwrite",
 }
 
 

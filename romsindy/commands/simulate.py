@@ -22,7 +22,7 @@ _HEADINGS = {
     "Spring at the tip": "--spring-stiffness --spring-length --spring-pretension",
     "Damping": "--undamped --alpha --eta",
     "Sensors": "--sensor --snr --seed",
-    "Output": "--full --quiet --force",
+    "Output": "--full --quiet --overwrite",
 }
 
 

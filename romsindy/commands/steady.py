@@ -59,7 +59,7 @@ def _slope(_: click.Context, __: click.Parameter, value: str) -> float | None:
 _HEADINGS = {
     "The table": "--quantity --lag",
     "What is looked for": "--term --fix --gain --slope --phase",
-    "Output": "--full --report --interactive --json --model --save --force",
+    "Output": "--full --report --interactive --json --model --save --overwrite",
 }
 
 
