@@ -24,7 +24,6 @@ from romsindy import (
     inspect,
     save_decay,
 )
-from romsindy.commands import analysis as analysis_module
 from romsindy.commands import main as main_module
 from romsindy.commands import measurement
 from romsindy.commands.identify import EXCLUDED
@@ -136,7 +135,7 @@ def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
         (["identify", "--plain"], "--plain is no option here, but of romsindy regress"),
         (["identify", "--weighted"], "--weighted is no option here, but of romsindy regress"),
         (["identify", "--harmonics", "0-3"], "is no option here, but of romsindy regress"),
-        (["identify", "--amplitude", "0", "1"], "is no option here, but of romsindy regress"),
+        (["identify", "--amplitude", "0", "1"], "but of romsindy predict, romsindy regress and"),
         (["identify", "--cutoff", "9"], "--cutoff is no option here, but of romsindy regress"),
     ],
 )
@@ -169,7 +168,7 @@ def test_options_reach_the_identification(run, tmp_path, monkeypatch):
         seen.append((*decays, options))
         raise ValueError("seen")
 
-    monkeypatch.setattr(analysis_module, "identify", refuse)
+    monkeypatch.setattr(measurement, "identify", refuse)
     save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
     result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7,
                  "--curvature", 0.03)  # fmt: skip
@@ -241,7 +240,7 @@ def test_where_no_motion_follows_the_regressions_are_left(run, monkeypatch):
     def refuse(*_, **__):
         raise TrajectoryError("no motion follows the record")
 
-    monkeypatch.setattr(analysis_module, "identify", refuse)
+    monkeypatch.setattr(measurement, "identify", refuse)
     result = run("identify", "--example")
     assert result.exit_code == 0, result.output
     assert "Regressions alone, without functions and bands: no motion" in result.output
@@ -551,8 +550,8 @@ def test_where_the_fit_breaks_down_the_quieter_part_is_identified(run, monkeypat
             raise np.linalg.LinAlgError("Eigenvalues did not converge")
         return real(decays, coordinates, **settings)
 
-    real = analysis_module.identify
-    monkeypatch.setattr(analysis_module, "identify", fit)
+    real = measurement.identify
+    monkeypatch.setattr(measurement, "identify", fit)
     result = run("identify", "--example", "--json", "-")
     assert result.exit_code == 0, result.output
     assert reaches[1] <= 0.51 * reaches[0]
@@ -568,11 +567,11 @@ def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeyp
     def refuse(*_):
         raise ValueError("too few samples a cycle")
 
-    monkeypatch.setattr(analysis_module, "compare_models", refuse)
+    monkeypatch.setattr(measurement, "compare_models", refuse)
     result = run("identify", "--example", "--full", "--save", "found.json")
     assert result.exit_code == 0 and "no regression beside the identification" in result.output
     assert Identification.load("found.json").structures
-    monkeypatch.setattr(analysis_module, "identify", refuse)
+    monkeypatch.setattr(measurement, "identify", refuse)
     result = run("regress", "--example")
     assert result.exit_code == 2 and "too few samples a cycle" in result.stderr
 
@@ -581,8 +580,12 @@ def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeyp
     ("module", "name", "words"),
     [
         (measurement, "inspect", "Interrupted while inspecting"),
-        (analysis_module, "extract_backbone", "Interrupted while reading the cycles, after the"),
-        (analysis_module, "compare_models", "Interrupted while making the regressions, after the"),
+        (measurement, "extract_backbone", "Interrupted while reading the cycles, after the"),
+        (
+            measurement,
+            "compare_models",
+            "Interrupted while making the regressions, after the",
+        ),
     ],
 )
 def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, module, name, words):

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.commands import analysis
+from romsindy.commands import measurement
 from romsindy.commands.identify import identify
 from romsindy.commands.main import main
 from romsindy.commands.measurement import inspected
@@ -200,7 +200,7 @@ def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
     def refuse(*_, **__):
         raise TrajectoryError("no motion of the model is near the measured one")
 
-    monkeypatch.setattr(analysis, "identify", refuse)
+    monkeypatch.setattr(measurement, "identify", refuse)
     result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2)
     assert result.exit_code == 2
     assert "hammer.csv: --coordinates 2: no motion of the model" in result.stderr
@@ -209,7 +209,7 @@ def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
 
 @pytest.mark.slow
 def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, monkeypatch):
-    found, identify = [], analysis.identify
+    found, identify = [], measurement.identify
 
     def once(*arguments, **options):
         if found:
@@ -217,7 +217,7 @@ def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, mon
         found.append(identify(*arguments, **options))
         return found[0]
 
-    monkeypatch.setattr(analysis, "identify", once)
+    monkeypatch.setattr(measurement, "identify", once)
     result = run("identify", "again.csv", "hammer.csv", *COLUMNS, "--coordinates", 2)
     assert result.exit_code == 130
     rows = re.findall(r"^again.csv +(\d) +(\S+) .*2 coordinates +yes", result.output, re.M)
@@ -275,7 +275,7 @@ def test_many_samples_a_cycle_are_decimated():
 @pytest.mark.slow
 def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatch):
     """Ctrl-C in the second round of terms: a page, a note, and the exit code of an interrupt."""
-    whole, rounds = analysis.identify, []
+    whole, rounds = measurement.identify, []
 
     def interrupted(decays, coordinates, progress, **options):
         def stop(line):
@@ -285,7 +285,7 @@ def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatc
 
         return whole(decays, coordinates, progress=stop, **options)
 
-    monkeypatch.setattr(analysis, "identify", interrupted)
+    monkeypatch.setattr(measurement, "identify", interrupted)
     result = run(
         "identify", "hammer.csv", *COLUMNS, "--coordinates", 2, "--report", "part.html", "--full"
     )

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.commands import analysis
+from romsindy.commands import measurement
 from romsindy.commands.main import main
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.results import predict as predict_module
@@ -292,7 +292,7 @@ def test_a_model_without_a_motion_is_told_with_a_remedy(run, folder, monkeypatch
     def lost(*_, **__):
         raise TrajectoryError("it leads far away")
 
-    monkeypatch.setattr(analysis, "identify", lost)
+    monkeypatch.setattr(measurement, "identify", lost)
     refused = run("identify", "shaker.csv", "--input", "force")
     assert refused.exit_code == 2
     assert "shaker.csv: it leads far away; a lower --order, or --select" in refused.stderr

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy.commands import analysis, measurement
+from romsindy.commands import measurement
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.text import aligned, as_options, quantity, with_band, with_error
@@ -212,7 +212,7 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
     """Of the file that was being identified the regressions, and the files before it."""
     for i in (1, 2, 3):
         write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
-    fit, calls = analysis.identify, []
+    fit, calls = measurement.identify, []
 
     def interrupted(*arguments, **options):
         calls.append(1)
@@ -220,7 +220,7 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return fit(*arguments, **options)
 
-    monkeypatch.setattr(analysis, "identify", interrupted)
+    monkeypatch.setattr(measurement, "identify", interrupted)
     result = run("identify", "run1.csv", "run2.csv", "run3.csv", "--json", "all.json")
     assert result.exit_code == 130 and len(calls) == 2
     first, second = json.loads((tmp_path / "all.json").read_text())

@@ -201,8 +201,8 @@ def test_the_band_of_a_linear_oscillator_in_closed_form():
     assert high - low == pytest.approx(2 * 1.96 * std, rel=0.15)
     with pytest.raises(ValueError, match="lies outside"):
         band.at(1.4)
-    with pytest.raises(ValueError, match="branch = 'middle'"):
-        band.at(1.0, branch="middle")
+    with pytest.raises(ValueError, match="branch = 'outer'"):
+        band.at(1.0, branch="outer")
     assert "largest" in repr(band)
 
 

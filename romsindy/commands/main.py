@@ -29,6 +29,7 @@ _COMMANDS = {
     " text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
+    "predict": "Foretell what the equation in FOUND does under a harmonic force, or its backbone.",
     "reduce": "Reduce the finite-element model in DECK to the equation of one mode.",
     "regress": "Fit models of a given structure to the free decays in FILES, by regression.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
@@ -67,10 +68,10 @@ def _refusals() -> Iterator[None]:
 
 def _elsewhere(error: click.UsageError) -> str:
     """Which commands have an option that this one has not: nearer than one of a like name."""
+    if getattr(error, "option_name", "") == "--force":  # no such option, or without a value
+        return f"--force is the force of a test, such as --force 0.2; {OVERWRITES}"
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
         return ""
-    if error.option_name == "--force":
-        return f"--force is the force of a test: {OVERWRITES}"
     have = [
         f"romsindy {name}"
         for name in (*_COMMANDS, *_added())

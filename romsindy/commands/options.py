@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from click.core import ParameterSource
 
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.results.estimate import Estimate
+from romsindy.fit.steady.fit import SteadyEstimate
 from romsindy.physics.coupled import model_from_json
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.equations import Equations
@@ -156,6 +158,29 @@ def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
         )
 
 
+def span(example: str, more: str = "") -> Callable[..., tuple[float, float] | None]:
+    """A callback that reads two positive numbers LOW:HIGH.
+
+    Where another option took the place of its value, ``more`` is said.
+    """
+
+    def read(_: click.Context, __: click.Parameter, value: str | None) -> Any:
+        if value is None:
+            return None
+        try:
+            low, high = map(float, value.split(":"))
+        except ValueError:
+            low, high = np.nan, np.nan
+        if not 0 < low < high < np.inf:
+            raise click.BadParameter(
+                f"{value!r} is not LOW:HIGH, two positive numbers, the smaller first, such as"
+                f" {example}{more if value.startswith('--') else ''}"
+            )
+        return low, high
+
+    return read
+
+
 def given(names: Iterable[str]) -> list[str]:
     """Those of several options that were written on the command line."""
     context = click.get_current_context()
@@ -187,8 +212,9 @@ def estimate_of(text: str) -> Estimate | None:
     Raises a ValueError if entries are missing, or do not belong together.
     """
     content = table("the JSON text", read_json(text))
-    if "structures" in content:
-        return Identification.from_json(text)
+    for mark, kind in (("structures", Identification), ("test", SteadyEstimate)):
+        if mark in content:
+            return kind.from_json(text)
     return Estimate.from_json(text) if "covariance" in content else None
 
 

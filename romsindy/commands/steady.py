@@ -12,8 +12,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from romsindy.commands.main import OVERWRITES
 from romsindy.commands.measurement import of_file
-from romsindy.commands.options import FILE, fix_option
+from romsindy.commands.options import FILE, fix_option, span
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import SAVE, Result, Telling, answer_options
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
@@ -40,9 +41,7 @@ _CONSTANT = (
     "a slope of the gain was looked for, and without one what takes no part is predicted as well:"
     " it is 0"
 )
-_EXPLAINED = (
-    "--save keeps the fit; in Python, .forced_response of it foretells another level of force."
-)
+_EXPLAINED = "--save keeps the fit, and romsindy predict foretells another level of force by it."
 _LACKS = (
     "leave out points that stand off their neighbours on the page, for they had not settled; name"
     " another --term; --slope fit lets the gain change with the force."
@@ -57,7 +56,7 @@ def _slope(_: click.Context, __: click.Parameter, value: str) -> float | None:
 
 
 _HEADINGS = {
-    "The table": "--quantity --lag",
+    "The table": "--quantity --lag --force",
     "What is looked for": "--term --fix --gain --slope --phase",
     "Output": "--full --report --interactive --json --model --save --overwrite",
 }
@@ -72,6 +71,14 @@ _HEADINGS = {
 )
 @click.option(
     "--lag", is_flag=True, help="Phases of the response are lags: positive if it is late."
+)
+@click.option(
+    "--force",
+    "forces",
+    callback=span("0.1:0.4", f"; {OVERWRITES}"),
+    metavar="LOW:HIGH",
+    help="Fit only points whose force has an amplitude in this range, in N, or in the unit of the"
+    " table where that is none of forces; romsindy predict foretells the others.  [default: all]",
 )
 @click.option(
     "--term",
@@ -104,6 +111,7 @@ def steady(
     file: Path,
     quantity: Quantity | None,
     lag: bool,
+    forces: tuple[float, float] | None,
     terms: tuple[str, ...],
     fix: Mapping[str, float],
     gain: float | None,
@@ -125,14 +133,20 @@ def steady(
     def job(file: Path | None, page: Path) -> Result:
         assert file is not None  # a file is required
         with of_file(file):
-            table = SteadyTable.read(file, quantity, lag)
+            whole = SteadyTable.read(file, quantity, lag)
+            table = whole if forces is None else whole.within(*forces)
             try:
                 fit = _fitted(table, terms, fix, {"gain": gain, "slope": slope, "phase": turn})
             except ValueError as error:
                 raise ValueError(_in_words(str(error))) from error
         notes = [*fit.notes, *([_CONSTANT] if slope is None and not fit.chain.slope else [])]
-        told = replace(fit, notes=tuple(map(_in_words, notes)))
-        return _told(file, table, told, page, telling.interactive)
+        test = replace(fit.test, unit=table.force_unit)
+        told = replace(fit, notes=tuple(map(_in_words, notes)), test=test)
+        picked = "" if forces is None else table.picked(whole, *forces)
+        facts = {} if forces is None else {"left_out": len(whole.frequency) - len(table.frequency)}
+        report = Identified(f"Steady states {file.name}", found=told, picked=picked)
+        step = _EXPLAINED if fit.verdict.explained else _LACKS
+        return Result.written(file, page, report, telling.interactive, facts=facts, step=step)
 
     telling.give(job, [file], False, "steady")
 
@@ -161,13 +175,6 @@ def _in_words(sentence: str) -> str:
     return as_options(sentence)
 
 
-def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactive: bool) -> Result:
-    """What is said of a fit, with its page."""
-    report = Identified(f"Steady states {file.name}", found=fit, force_unit=table.force_unit)
-    step = _EXPLAINED if fit.verdict.explained else _LACKS
-    return Result.written(file, page, report, interactive, facts={}, step=step)
-
-
 # -- the table -------------------------------------------------------------------------------------
 
 
@@ -182,6 +189,7 @@ _NAME = re.compile(  # a frequency has no phase, and of a force one harmonic is 
     rf"(?P<what>frequency|force|spread|response|{'|'.join(QUANTITIES)})(?P<number> [1-9]\d*)?"
     r"(?: amplitude)?(?P<phase> phase)?"
 )
+_ROUNDING = 1e-9  # of a force
 _TURNS = {"Hz": 2 * np.pi, "rad/s": 1.0}
 _ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 Key = tuple[str, int, bool]  # what, number of the harmonic, whether its phase
@@ -229,6 +237,30 @@ class SteadyTable:
             quantity=name,
             unit=unit,
             force_unit=amplitude[0] if amplitude else force.unit,
+        )
+
+    def within(self, low: float, high: float) -> SteadyTable:
+        """The points whose force has an amplitude from low to high.
+
+        Raises a ValueError if there are none.
+        """
+        size = np.abs(self.force)
+        some = (size >= low * (1 - _ROUNDING)) & (size <= high * (1 + _ROUNDING))
+        if not np.any(some):
+            raise ValueError(
+                f"no point has a force from {low:g} to {high:g} {self.force_unit or ''}, for those"
+                f" of the table are {size.min():.4g} to {size.max():.4g}: give another --force"
+            )
+        spread = None if self.spread is None else self.spread[some]
+        parts = {name: getattr(self, name)[some] for name in ("frequency", "force", "response")}
+        return replace(self, **parts, spread=spread)
+
+    def picked(self, whole: SteadyTable, low: float, high: float) -> str:
+        """What was used of a table, in a sentence."""
+        used, every = len(self.frequency), len(whole.frequency)
+        return (
+            f"{used} of {every} steady states are used, under {low:g} to {high:g}"
+            f" {self.force_unit or 'of its unit'}; {every - used} are left out."
         )
 
 

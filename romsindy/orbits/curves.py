@@ -6,11 +6,12 @@ Orbits are Fourier series, and families of them (`harmonic_balance`) are followe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from numbers import Real
-from typing import Any, ClassVar, Protocol, TypeVar, overload
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -172,6 +173,59 @@ class BackboneCurve(PeriodicOrbits):
         return _bifurcations(self.multipliers, self.stable, np.setdiff1d(folds, crossings))
 
 
+class SteadyState(NamedTuple):
+    """One of the responses at a frequency; of R coordinates an amplitude and a phase for each."""
+
+    frequency: float  # rad/s
+    amplitude: Array  # (R,)
+    # (R,), by which the first harmonic leads the excitation, rad, from -pi to pi; nan without one
+    phase: Array
+    stable: bool
+    low: float = np.nan  # ends of the 95 % band, where there is one
+    high: float = np.nan
+
+
+class Fold(NamedTuple):
+    """A frequency at which a response turns back, rad/s, with its 95 % interval if it is known."""
+
+    frequency: float
+    rising: bool  # whether a sweep of rising frequency jumps there, or one of falling
+    low: float = np.nan
+    high: float = np.nan
+
+
+def crossings(along: Array, wanted: Array) -> Array:
+    """Where a curve that may turn back has values (n,): counted in its points, (n_parts, n).
+
+    Each part between two turns has a value once, or not at all: nan.
+    """
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(along)))) + 1
+    found = []
+    for first, last in itertools.pairwise([0, *turns.tolist(), len(along) - 1]):
+        part, forth = slice(first, last + 1), 1 if along[last] > along[first] else -1
+        place = np.arange(first, last + 1.0)[::forth]
+        found.append(np.interp(wanted, along[part][::forth], place, left=np.nan, right=np.nan))
+    return np.array(found)
+
+
+def rows_at(places: Array, table: Array) -> Array:
+    """Rows of a table, (n, m), at places that are counted in them, between rows as well."""
+    points = np.arange(len(table))
+    return np.stack([np.interp(places, points, column) for column in table.T], axis=-1)
+
+
+def crossed(curve: Array, omega: float) -> tuple[Array, Array]:
+    """Places, (j,), and rows, (j, k), of a curve (k, n) at a frequency, the largest first.
+
+    Its first two are frequency and amplitude.
+    """
+    places = crossings(curve[0], np.array([omega]))[:, 0]
+    places = places[np.isfinite(places)]
+    rows = rows_at(places, curve.T)
+    order = np.argsort(-rows[:, 1])
+    return places[order], rows[order]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ForcedResponse(PeriodicOrbits):
     """Orbits under force cos(omega t); what `PeriodicOrbits` has, and their stability.
@@ -210,6 +264,42 @@ class ForcedResponse(PeriodicOrbits):
     def larger(self, amplitude: Array) -> NDArray[np.bool_]:
         """Whether amplitudes, (n,), are larger than those of the data."""
         return np.asarray(amplitude > _AS_LARGE * (np.inf if self.limit is None else self.limit))
+
+    @property
+    def jumps(self) -> tuple[Fold, ...]:
+        """The folds as frequencies, in the order of the branch."""
+        w = self.frequency
+        return tuple(Fold(float(w[k]), bool(w[k] > w[k - 1])) for k in self.folds)
+
+    def stable_at(self, places: ArrayLike) -> NDArray[np.bool_]:
+        """Whether orbits are stable between others, at places that are counted in orbits.
+
+        A fold is the last orbit of either side, and of neither.
+        """
+        before = np.clip(np.asarray(places).astype(int), 0, len(self) - 2)
+        at_fold = np.isin(before, self.folds)
+        return np.asarray(self.stable[np.where(at_fold, before + 1, before)])
+
+    def steady_states(self, frequency: ArrayLike) -> list[SteadyState]:
+        """All responses at angular frequencies, rad/s, those of the largest amplitude first."""
+        n = len(self)
+        amplitude, first = self.amplitude.reshape(n, -1), self.coefficients[:, 1].reshape(n, -1)
+        columns = [
+            self.frequency,
+            amplitude.max(axis=1),
+            *amplitude.T,
+            *first.real.T,
+            *first.imag.T,
+        ]
+        found = []
+        for omega in np.atleast_1d(np.asarray(frequency, float)).tolist():
+            places, rows = crossed(np.array(columns), omega)
+            for stable, row in zip(self.stable_at(places), rows, strict=True):
+                sizes, real, imaginary = np.split(row[2:], 3)
+                some = np.hypot(real, imaginary) > _APART * sizes
+                phase = np.where(some, np.arctan2(imaginary, real), np.nan)
+                found.append(SteadyState(omega, sizes, phase, bool(stable)))
+        return found
 
     @property
     def leaves(self) -> str:

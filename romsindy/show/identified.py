@@ -43,7 +43,6 @@ class Identified:
     beside: Beside | None = None  # models held against the cycles of the decays
     channels: Sequence[str] = ()  # names of what was measured, where there are several
     held_out: HeldOut | None = None  # the rest of the record, where some of it was held out
-    force_unit: str | None = None  # of the excitation of steady states
     picked: str = ""  # what was used of the record, and what was left out
     trouble: str = ""  # why nothing else was possible
     interrupted: bool = False  # whether the user wished to stop before the end
@@ -72,6 +71,11 @@ class Identified:
     def steady(self) -> SteadyFit | None:
         """Where they were fitted to steady states."""
         return self.found if isinstance(self.found, SteadyFit) else None
+
+    @property
+    def force_unit(self) -> str | None:
+        """Of the excitation of steady states."""
+        return None if self.steady is None else self.steady.test.unit
 
     @cached_property
     def modes(self) -> tuple[SmallVibration, ...]:

@@ -62,7 +62,7 @@ def traces(ax: Axes, labels: tuple[str, str]) -> Iterator[Trace]:
         name = names.get(artist, "")
         if isinstance(artist, QuadMesh):
             yield _map(artist, labels)
-        elif isinstance(artist, PolyCollection):
+        elif isinstance(artist, PolyCollection) and artist.get_paths():  # of nan it has none
             yield _band(artist, ax) | _named(name)
         elif isinstance(artist, LineCollection):
             yield _strokes(artist) | _named(name)

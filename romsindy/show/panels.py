@@ -435,6 +435,7 @@ def draw_band(band: Band, figure: Figure) -> None:
         ax.fill_between(band.amplitude, *ends, color="C0", alpha=0.25, lw=0)
         ax.plot(band.amplitude, values, color="C0")
         ax.margins(x=0.01)
+        ax.ticklabel_format(axis="y", useOffset=False)
     above.set(ylabel="frequency (Hz)")
     below.set(ylabel="damping ratio (%)", xlabel=with_unit("amplitude", band.unit))
 

@@ -376,7 +376,8 @@ class Estimate:
             As `romsindy.forced_response`, and for a model of several coordinates.
         """
         gain, model = gain_of(self.model), self.single_model
-        drives = {term.key for term in inputs_of(model)}
+        inputs = inputs_of(model)
+        drives = {term.key for term in inputs}
         names = tuple(name for name in self.free if name not in drives)
         # The errors of the force are those of the gain, relative to it.
         order = [*map(self.free.index, names), *(i for i, n in enumerate(self.free) if n in drives)]
@@ -396,6 +397,8 @@ class Estimate:
             n_points=n_points,
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
+            lead=np.pi if any(term.sign * gain < 0 for term in inputs) else 0.0,
+            delay=sum(term.delay for term in inputs),
             notes=() if self.verdict.explained else (_LACKS,),
             form=[[*as_coefficients(moves[0], moves[1], rate), 0.0]] * 2,
         )

@@ -7,7 +7,6 @@ always has a slope, by the errors of the model, and is read at a frequency only 
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +21,24 @@ from scipy.linalg import block_diag
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import DRAWS, GROWS, TAILS, grown, normal_draws
 from romsindy.notebook import Framed
-from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
+from romsindy.orbits.curves import (
+    Fold,
+    ForcedResponse,
+    SteadyState,
+    crossed,
+    crossings,
+    forced_response,
+    frequency_range,
+    rows_at,
+)
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
-BRANCHES = ("upper", "lower")
+Branch = Literal["upper", "middle", "lower"]
+BRANCHES: tuple[Branch, ...] = ("upper", "middle", "lower")
 _ORBITS = 60  # about, and more where the damping is light
 _BETWEEN = 4  # points for each, by cubic splines
 # Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
@@ -47,14 +56,6 @@ class Predicted(NamedTuple):
     amplitude: Array
     low: Array
     high: Array
-
-
-class Fold(NamedTuple):
-    """A frequency at which a response turns back, rad/s, with its 95 % interval."""
-
-    frequency: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,22 +85,24 @@ class ForcedBand(Framed):
     notes: tuple[str, ...]
     goes_on: bool
     rate: int
-    _curve: Array  # (3, n): frequencies, amplitudes, and those of q itself along the response
+    # (4, n): frequencies, amplitudes, those of q itself, and phases along the response
+    _curve: Array
     _drawn: Array  # (2, n_draws, n): the same, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
 
     _columns = ("frequency", "amplitude", "low", "high")
 
-    def at(self, frequency: ArrayLike, branch: Literal["upper", "lower"] = "upper") -> Predicted:
+    def at(self, frequency: ArrayLike, branch: Branch = "upper") -> Predicted:
         """Amplitude and 95 % band at some frequencies.
 
         Parameters
         ----------
         frequency : (n,) array
             rad/s, within the range that was asked for.
-        branch : "upper" or "lower"
+        branch : "upper", "middle" or "lower"
             Largest or smallest response where there are several. Displaced curves that fold before
-            the frequency have but one, so that the band holds both where that is open.
+            the frequency have but one, so that the band holds both where that is open. Between two
+            folds the middle one of three, which is unstable: its band is of curves that have it.
 
         Raises
         ------
@@ -116,11 +119,11 @@ class ForcedBand(Framed):
                 f"frequency = {omega[~inside][0]:.8g} rad/s lies outside {first:.8g} to"
                 f" {last:.8g}: ask forced_response for a wider range"
             )
-        value = _read(self._curve[0], self._curve[1], omega, branch)
-        drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
+        _, value, size, _ = _read(self._curve, omega, branch)
+        drawn = [_read(curve, omega, branch)[1] for curve in self._drawn.swapaxes(0, 1)]
         scattered = np.abs(np.array(drawn) + self._scatter[:, None])
         known = np.any(np.isfinite(scattered), axis=0)
-        known &= self.goes_on | ~self._beyond(omega, branch)
+        known &= self.goes_on | ~self.response.larger(size)
         ends = np.full((2, len(omega)), np.nan)
         ends[:, known] = np.nanquantile(scattered[:, known], TAILS, axis=0)
         return Predicted(value, np.minimum(ends[0], value), np.maximum(ends[1], value))
@@ -159,16 +162,30 @@ class ForcedBand(Framed):
     @property
     def beyond(self) -> NDArray[np.bool_]:
         """Whether the larger response is larger than any motion of the data, (n,)."""
-        return self._beyond(self.frequency, "upper")
+        return self.response.larger(_read(self._curve, self.frequency, "upper")[2])
 
-    def _beyond(self, omega: Array, branch: str) -> NDArray[np.bool_]:
-        size = _read(self._curve[0], self._curve[2], omega, branch)
-        return self.response.larger(size)
+    def steady_states(self, frequency: ArrayLike) -> list[SteadyState]:
+        """All responses at frequencies of the range, rad/s, the larger first, with their bands."""
+        frequencies = np.atleast_1d(np.asarray(frequency, float))
+        bands = {branch: self.at(frequencies, branch) for branch in BRANCHES}
+        found = []
+        for i, omega in enumerate(frequencies.tolist()):
+            places, rows = crossed(self._curve, omega)
+            stable = self.response.stable_at(places / _BETWEEN)
+            for rank, (_, size, _, phase) in enumerate(rows):
+                end = rank in (0, len(rows) - 1)
+                branch: Branch = "middle" if not end else "lower" if rank else "upper"
+                band, turned = bands[branch], np.angle(np.exp([1j * phase]))
+                ends = float(band.low[i]), float(band.high[i])
+                found.append(
+                    SteadyState(omega, np.array([size]), turned, bool(stable[rank]), *ends)
+                )
+        return found
 
     @cached_property
     def peak(self) -> tuple[float, float]:
         """Frequency, rad/s, and amplitude of the largest response."""
-        w, a, _ = self._curve
+        w, a, *_ = self._curve
         at = int(np.argmax(np.where(self._asked(w), a, 0.0)))
         if not (0 < at < len(a) - 1 and np.all(self._asked(w[at - 1 : at + 2]))):
             return float(w[at]), float(a[at])
@@ -184,24 +201,32 @@ class ForcedBand(Framed):
 
         There a curve is displaced in frequency alone, to first order.
         """
-        w, a, _ = self._curve
+        w, a, *_ = self._curve
         folds = []
-        for k in self.response.folds:
-            on, size = self.response.frequency[k], self.along[k]
+        for k, fold in zip(self.response.folds, self.response.jumps, strict=True):
+            on, size = fold.frequency, self.along[k]
             at = int(np.argmin(np.hypot(w / on - 1, a / size - 1)))
-            low, high = np.quantile(self._drawn[0][:, at], TAILS)
-            folds.append(Fold(float(on), float(min(low, on)), float(max(high, on))))
+            low, high = np.quantile(self._drawn[0][:, at], TAILS).tolist()
+            folds.append(fold._replace(low=min(low, on), high=max(high, on)))
         return tuple(folds)
 
     def _asked(self, omega: Array) -> NDArray[np.bool_]:
         """Which frequencies are in the range that was asked for."""
         return (omega >= self.frequency[0]) & (omega <= self.frequency[-1])
 
-    def __repr__(self) -> str:
+    @cached_property
+    def peak_band(self) -> tuple[float, float]:
+        """95 % interval of the largest amplitude; nan where a response is beyond the data."""
+        if np.any(self.beyond) and not self.goes_on:
+            return np.nan, np.nan
         w, a = self._drawn
-        low, high = np.quantile(np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter, TAILS)
-        known = self.goes_on or not np.any(self.beyond)
-        ends = f"{low:.4g} to {high:.4g}" if known else "beyond the data"
+        drawn = np.abs(np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter)
+        low, high = np.quantile(drawn, TAILS)
+        return float(low), float(high)
+
+    def __repr__(self) -> str:
+        low, high = self.peak_band
+        ends = f"{low:.4g} to {high:.4g}" if low == low else "beyond the data"
         return (
             f"<ForcedBand: {self.frequency[0]:.6g} to {self.frequency[-1]:.6g} rad/s, largest"
             f" {self.peak[1]:.4g} ({ends}) at {self.peak[0]:.6g} rad/s>"
@@ -227,6 +252,8 @@ def forced_band(
     n_points: int = 100,
     n_harmonics: int | None = None,
     velocity_scale: float | None = None,
+    lead: float = 0.0,
+    delay: float = 0.0,
     notes: Sequence[str] = (),
     goes_on: bool = False,
     form: ArrayLike = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -239,8 +266,9 @@ def forced_band(
     of the force, relative to it. What is measured is q differentiated ``rate`` times, with an
     amplitude of standard deviation ``noise``. ``form``, (2, 3), are errors of form, as standard
     deviations of linear stiffness, linear damping and force, relative to it: within the data, and
-    of what grows beyond (`romsindy.fit.process_noise`). ``notes`` are what else the band does not
-    know; all others are as in `romsindy.forced_response` and `ForcedBand`.
+    of what grows beyond (`romsindy.fit.process_noise`). The force leads the excitation, as it was
+    measured, by ``lead``, rad, and acts later by ``delay``, s. ``notes`` are what else the band
+    does not know; all others are as in `romsindy.forced_response` and `ForcedBand`.
     """
     low, high = sorted(frequency_range(frequency))
     reach = _MARGIN * (high - low)
@@ -264,31 +292,31 @@ def forced_band(
         for x in _slopes(smooth, force, response, (*terms, *LINEAR))
     )
     covariance = block_diag(covariance, np.eye(3))
-    table = _refined(np.column_stack([response.frequency, first, size_of_q, by_w, by_a]))
-    on, first, size_of_q, *_ = table.T
-    by_w, by_a = np.hsplit(table[:, 3:], 2)
+    phase = np.unwrap(np.angle(response.coefficients[:, 1])) - delay * response.frequency
+    table = _refined(np.column_stack([response.frequency, first, size_of_q, phase, by_w, by_a]))
+    on, first, size_of_q, phase, *_ = table.T
+    by_w, by_a = np.hsplit(table[:, 4:], 2)
     rng = np.random.default_rng(0)
     drawn = normal_draws(covariance, rng)
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
-    leaves = response.leaves_within(low, high)
-    grows = GROWS if leaves and goes_on else ""
+    leaves, grows = response.leaves_within(low, high), ""
+    if leaves:
+        none = f"{leaves}, and there is no band; a smaller force stays within them"
+        leaves, grows = (leaves, GROWS) if goes_on else (none, "")
     found = ForcedBand(
         np.linspace(low, high, n_points),
         response,
         (*filter(None, (leaves, grows, response.untraced)), *notes),
         goes_on,
         rate,
-        np.array([on, first * on**rate, size_of_q]),
+        np.array([on, first * on**rate, size_of_q, phase + lead + rate * np.pi / 2]),
         np.array([w, a * w**rate]),
         noise * rng.standard_normal(DRAWS),
     )
     if np.any(found.beyond) and not goes_on:
-        warnings.warn(
-            f"the response is {leaves}, and there is no band; a smaller force stays within them",
-            stacklevel=4,
-        )
+        warnings.warn(f"the response is {leaves}", stacklevel=4)
     return found
 
 
@@ -333,14 +361,17 @@ def _refined(columns: Array) -> Array:
     return CubicSpline(length, columns)(between)
 
 
-def _read(w: Array, a: Array, omega: Array, branch: str) -> Array:
-    """Largest or smallest amplitude at frequencies omega of a curve that may fold."""
-    better = np.fmax if branch == "upper" else np.fmin
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(w)))) + 1
-    value = np.full(len(omega), np.nan)
-    for first, last in itertools.pairwise([0, *turns.tolist(), len(w) - 1]):
-        part = slice(first, last + 1)
-        forth = 1 if w[last] > w[first] else -1
-        one = np.interp(omega, w[part][::forth], a[part][::forth], left=np.nan, right=np.nan)
-        value = better(value, one)
-    return value
+def _read(curve: Array, omega: Array, branch: str) -> Array:
+    """Rows of a curve that may fold, (k, m), at frequencies (n,), (k, n): nan where it has none.
+
+    Its first two are frequency and amplitude. The middle one of three lies between two folds.
+    """
+    places = crossings(curve[0], omega)
+    sizes = rows_at(places, curve[1:2].T)[..., 0]
+    count = np.sum(np.isfinite(sizes), axis=0)
+    rank = {"upper": 0 * count, "middle": np.where(count == 3, 1, 3), "lower": count - 1}[branch]
+    order = np.argsort(-sizes, axis=0)  # nan comes last
+    there = (count > 0) & (rank < count)
+    which = np.take_along_axis(order, np.where(there, rank, 0)[None], axis=0)
+    place = np.where(there, np.take_along_axis(places, which, axis=0)[0], np.nan)
+    return rows_at(place, curve.T).T

@@ -20,9 +20,11 @@ points, the covariance is that of least squares with errors so correlated.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,12 +37,22 @@ from romsindy.fit.process_noise import KNOWN, wider
 from romsindy.fit.records.arguments import not_fixed
 from romsindy.fit.results.estimate import Estimate
 from romsindy.fit.results.forced_band import ForcedBand, forced_band
-from romsindy.fit.steady.balance import CHAIN, Chain, SteadyPoints, linearised, parts_of_force
+from romsindy.fit.steady.balance import (
+    CHAIN,
+    RATES,
+    Chain,
+    SteadyPoints,
+    linearised,
+    parts_of_force,
+)
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.orbits.curves import checked_force
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.term_sum import json_text, read_json
+from romsindy.physics.validation import made, table
+from romsindy.physics.validation import text as entry
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
 from romsindy.typing import Array, Indices
@@ -53,13 +65,176 @@ _ALWAYS, _LINEAR = LINEAR
 _LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5
+_ALIKE = 1.001  # of an end of a range: beyond, it is left
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyTest:
+    """What points of steady states tell of the excitation, and of a further level of it."""
+
+    chain: Chain  # from the measured excitation to a force per unit mass
+    free: tuple[str, ...]  # coefficients that were fitted, then what was of the chain
+    # (p, p), of these, with what levels differ by
+    covariance: Array
+    # (2, 3), what a further level may differ by, see `between_levels`
+    form: Array
+    unexplained: float  # part of the force that neither model nor noise explain
+    measured: Quantity
+    noise: float  # standard deviation of an amplitude, as measured
+    n_harmonics: int
+    forces: Array  # (2,), least and largest amplitude of the excitation, as measured
+    frequencies: Array  # (2,), lowest and highest, rad/s
+    unit: str | None = None  # of the excitation
+
+    @classmethod
+    def of(cls, points: SteadyPoints, solution: SteadySolution, joint: Array) -> SteadyTest:
+        """Of points and what was fitted to them, with its covariance."""
+        form, of_values = between_levels(points, solution, correlation(points, solution))
+        size = np.abs(points.force)
+        return cls(
+            solution.chain,
+            solution.free,
+            joint + of_values,
+            form,
+            solution.unexplained,
+            points.measured,
+            float(np.median(points.std[:, 0] * points.frequency**points.rate)),
+            solution.c.shape[1] // 2,
+            np.array([size.min(), size.max()]),
+            np.array([points.frequency.min(), points.frequency.max()]),
+        )
+
+    def left_by(self, force: float, frequency: tuple[float, float]) -> tuple[str, ...]:
+        """What of a prediction was not measured, in sentences."""
+        (least, most), (first, last), notes = self.forces, self.frequencies, []
+        if not least / _ALIKE <= force <= most * _ALIKE:
+            those = f"{least:.4g} to {most:.4g} {self.unit or ''}".strip()
+            notes.append(f"the force {force:g} was not measured: those of the test are {those}")
+        if min(frequency) < first / _ALIKE or max(frequency) > last * _ALIKE:
+            hz = np.array([first, last]) / (2 * np.pi)
+            notes.append(f"points were measured from {hz[0]:.5g} to {hz[1]:.5g} Hz only")
+        return tuple(notes)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SteadyFit(Estimate):
+class SteadyEstimate(Estimate):
+    """A model of steady states as it is saved: an `Estimate`, and what the test was.
+
+    Attributes
+    ----------
+    test : SteadyTest
+
+    Examples
+    --------
+    >>> w = np.linspace(0.8, 1.2, 20)
+    >>> model = ReducedModel.from_coefficients({"omega^2": 1.1, "c_linear": 0.1})
+    >>> fit = fit_steady(model, w, np.ones(20), 3.0 / (1.0 - w**2 + 0.05j * w))
+    >>> saved = SteadyEstimate.from_json(fit.to_json())
+    >>> saved.forced_response(2.0, (0.8, 1.2))
+    <ForcedBand: 0.8 to 1.2 rad/s, largest 120 (120 to 120) at 0.999375 rad/s>
+    """
+
+    test: SteadyTest
+
+    @property
+    def chain(self) -> Chain:
+        """From the measured excitation to a force per unit mass."""
+        return self.test.chain
+
+    @property
+    def gain(self) -> float:
+        """Force per unit mass for an excitation of 1, where it is small."""
+        return self.chain.gain
+
+    @property
+    def unexplained(self) -> float:
+        """Part of the force that neither model nor noise explain, as a standard deviation."""
+        return self.test.unexplained
+
+    def forced_response(
+        self,
+        force: float,
+        frequency: tuple[float, float],
+        n_harmonics: int | None = None,
+        *,
+        velocity_scale: float | None = None,
+        n_points: int = 100,
+    ) -> ForcedBand:
+        """Response to an excitation, as measured, with the band of a further measurement.
+
+        The band holds errors of coefficients and chain, the force that the model leaves out, and
+        the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
+        ``force`` is in the unit of the excitation that was fitted.
+        """
+        test, excitation = self.test, float(checked_force(force, 1)[0])
+        size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
+        slopes = np.zeros((len(self.free) + 1, len(test.free)))
+        slopes[:-1, : len(self.free)] = np.eye(len(self.free))
+        for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
+            if name in test.free:
+                slopes[-1, test.free.index(name)] = slope
+        covariance = slopes @ test.covariance @ slopes.T
+        covariance[-1, -1] += self.unexplained**2
+        return forced_band(
+            self.single_model,
+            size,
+            frequency,
+            self.free,
+            covariance,
+            rate=RATES[test.measured],
+            lead=self.chain.phase,
+            noise=test.noise,
+            n_points=n_points,
+            n_harmonics=n_harmonics or test.n_harmonics,
+            velocity_scale=velocity_scale,
+            notes=test.left_by(excitation, frequency),
+            goes_on=True,
+            form=test.form,
+        )
+
+    def to_json(self) -> str:
+        """JSON text of the `Estimate`, with the test."""
+        test = vars(self.test) | {"chain": vars(self.chain)}
+        return json_text(json.loads(super().to_json()) | {"test": test})
+
+    @classmethod
+    def from_json(cls, text: str) -> SteadyEstimate:
+        """Read what `to_json` wrote; of a `SteadyFit` too, without its points.
+
+        Raises
+        ------
+        ValueError
+            As `Estimate.from_json`, or if it holds no test, as files of version 0.3.
+        """
+        base = Estimate.from_json(text)
+        content = table("the JSON text", read_json(text))
+        if "test" not in content:
+            raise ValueError(
+                "the JSON text holds no test: write it again with romsindy steady --save, or read"
+                " it with Estimate.load, for a force per unit mass"
+            )
+        return SteadyEstimate(**vars(base), test=_test(content["test"], base.free))
+
+
+def _test(value: Any, free: tuple[str, ...]) -> SteadyTest:
+    readers: dict[str, Any] = {"Chain": partial(made, Chain), "Quantity": entry}
+    test = made(SteadyTest, "test", value, readers)
+    known = test.measured in RATES and test.free[: len(free)] == free
+    p, shapes = len(test.free), ("covariance", "form", "forces", "frequencies")
+    wanted = ((p, p), (2, 3), (2,), (2,))
+    if not known or tuple(getattr(test, name).shape for name in shapes) != wanted:
+        raise ValueError(
+            f"test does not belong to the coefficients {list(free)}: write the file again with"
+            " romsindy steady --save"
+        )
+    return test
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyFit(SteadyEstimate):
     """A model fitted to steady states, with its errors and the chain of the excitation.
 
-    Saved is the `Estimate` alone: model, covariance, verdict and notes.
+    Saved is the `SteadyEstimate` alone.
 
     Attributes
     ----------
@@ -75,25 +250,10 @@ class SteadyFit(Estimate):
     joint: Array
 
     @property
-    def chain(self) -> Chain:
-        """From the measured excitation to a force per unit mass."""
-        return self.solution.chain
-
-    @property
-    def gain(self) -> float:
-        """Force per unit mass for an excitation of 1, where it is small."""
-        return self.chain.gain
-
-    @property
     def chain_errors(self) -> dict[str, float]:
         """Standard errors of what was fitted of gain, slope and phase."""
         names, errors = self.solution.free, np.sqrt(np.diag(self.joint)).tolist()
         return {n: e for n, e in zip(names, errors, strict=True) if n in CHAIN}
-
-    @property
-    def unexplained(self) -> float:
-        """Part of the force that neither model nor noise explain, as a standard deviation."""
-        return self.solution.unexplained
 
     @property
     def misfit(self) -> NDArray[np.complex128]:
@@ -114,53 +274,6 @@ class SteadyFit(Estimate):
         x = (np.linalg.pinv(by_q) @ self.solution.rows.misfit[..., None])[..., 0]
         turned = (x[:, 0] - 1j * x[:, 1]) * 1j**self.points.rate if self.points.phased else x[:, 0]
         return np.array(size * turned, complex)
-
-    def forced_response(
-        self,
-        force: float,
-        frequency: tuple[float, float],
-        n_harmonics: int | None = None,
-        *,
-        velocity_scale: float | None = None,
-        n_points: int = 100,
-    ) -> ForcedBand:
-        """Response to an excitation, as measured, with the band of a further measurement.
-
-        The band holds errors of coefficients and chain, the force that the model leaves out, and
-        the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
-        ``force`` is in the unit of the excitation that was fitted.
-        """
-        excitation = float(checked_force(force, 1)[0])
-        size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
-        slopes = np.zeros((len(self.free) + 1, len(self.joint)))
-        slopes[:-1, : len(self.free)] = np.eye(len(self.free))
-        for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
-            if name in self.solution.free:
-                slopes[-1, self.solution.free.index(name)] = slope
-        form, of_values = self.between
-        covariance = slopes @ (self.joint + of_values) @ slopes.T
-        covariance[-1, -1] += self.unexplained**2
-        noise = self.points.std[:, 0] * self.points.frequency**self.points.rate
-        return forced_band(
-            self.single_model,
-            size,
-            frequency,
-            self.free,
-            covariance,
-            rate=self.points.rate,
-            noise=float(np.median(noise)),
-            n_points=n_points,
-            n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
-            velocity_scale=velocity_scale,
-            goes_on=True,
-            form=form,
-        )
-
-    @cached_property
-    def between(self) -> tuple[Array, Array]:
-        """What a further level may differ by, see `between_levels`."""
-        together = correlation(self.points, self.solution)
-        return between_levels(self.points, self.solution, together)
 
     def __str__(self) -> str:
         errors = self.chain_errors
@@ -280,6 +393,7 @@ def fit_steady(
         covariance=joint[:n, :n],
         verdict=verdict,
         notes=tuple(notes),
+        test=SteadyTest.of(points, solution, joint),
         points=points,
         solution=solution,
         joint=joint,
