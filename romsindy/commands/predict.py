@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from matplotlib.figure import Figure
 
 from romsindy.commands.main import OVERWRITES
 from romsindy.commands.options import (
@@ -47,8 +46,7 @@ from romsindy.record.files.load import named
 from romsindy.record.interpolation import is_base
 from romsindy.record.recording import QUANTITIES
 from romsindy.show.page import Picture, write_page
-from romsindy.show.panels import draw_band
-from romsindy.show.plots import plot_forced_response
+from romsindy.show.panels import draw_bands, draw_response
 from romsindy.text import TextTable, as_text, bar
 from romsindy.typing import Array
 
@@ -325,7 +323,7 @@ def _forced(
         *map(_note, (orbits.leaves, orbits.untraced) if band is None else band.notes),
     ]
     chosen = {*at[_some(len(at))].tolist(), top.frequency}
-    draw = partial(_draw_response, response, f"{title.split(' of ')[-1]},", (low, high))
+    draw = partial(draw_response, response, f"{title.split(' of ')[-1]},", (low, high))
     facts: dict[str, Any] = {"excitation": what, "size": force, "unit": unit}
     facts |= {"folds": [{n: _plain(x) for n, x in fold._asdict().items()} for fold in folds]}
     return Foretold(
@@ -415,13 +413,6 @@ def _note(note: str) -> str:
     return f"Note: {_UNTRACED.sub('give a wider --frequency', note)}." if note else ""
 
 
-def _draw_response(
-    response: ForcedResponse | ForcedBand, label: str, span: tuple[float, float], figure: Figure
-) -> None:
-    ax = plot_forced_response(response, label=label, ax=figure.subplots())
-    ax.set_xlim(*(omega / _HERTZ for omega in span))
-
-
 # -- without a force -------------------------------------------------------------------------------
 
 
@@ -483,7 +474,7 @@ def _backbones(
         lines.append("Where there is no frequency the equation has no periodic motion.")
     lines += [_ALONE] if found is None else []
     caption = "Undamped free vibrations, and damping ratio, with 95 % bands where they are known."
-    few, draw = _some(_CURVE), partial(_draw, bands)
+    few, draw = _some(_CURVE), partial(draw_bands, bands)
     return Foretold(
         "Free vibrations against amplitude",
         columns,
@@ -502,12 +493,3 @@ def _band(found: Estimate | None, model: Equations, sizes: Array, mode: int) -> 
         np.full(len(sizes), np.nan),
     )
     return Band(sizes, frequency, ratio, unknown, unknown, model.unit)
-
-
-def _draw(bands: Mapping[int, Band], figure: Figure) -> None:
-    several = len(bands) > 1
-    parts: Any = figure.subfigures(1, len(bands)) if several else [figure]
-    for part, (mode, band) in zip(parts, bands.items(), strict=True):
-        draw_band(band, part)
-        if several:
-            part.suptitle(f"mode {mode}")

@@ -21,7 +21,7 @@ from romsindy.fit.results.estimate import Band, Curve, Estimate
 from romsindy.fit.results.fitted import SmallVibration
 from romsindy.fit.results.forced_band import ForcedBand
 from romsindy.fit.steady.fit import SteadyFit
-from romsindy.orbits.curves import BackboneCurve
+from romsindy.orbits.curves import BackboneCurve, ForcedResponse
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.regression.judged import Beside
@@ -438,6 +438,24 @@ def draw_band(band: Band, figure: Figure) -> None:
         ax.ticklabel_format(axis="y", useOffset=False)
     above.set(ylabel="frequency (Hz)")
     below.set(ylabel="damping ratio (%)", xlabel=with_unit("amplitude", band.unit))
+
+
+def draw_bands(bands: Mapping[int, Band], figure: Figure) -> None:
+    """The same of several modes, by their numbers, side by side."""
+    several = len(bands) > 1
+    parts: Any = figure.subfigures(1, len(bands)) if several else [figure]
+    for part, (mode, band) in zip(parts, bands.items(), strict=True):
+        draw_band(band, part)
+        if several:
+            part.suptitle(f"mode {mode}")
+
+
+def draw_response(
+    response: ForcedResponse | ForcedBand, label: str, span: tuple[float, float], figure: Figure
+) -> None:
+    """The response in a range of frequencies, rad/s, under what a label says."""
+    ax = plot_forced_response(response, label=label, ax=figure.subplots())
+    ax.set_xlim(*(omega / (2 * np.pi) for omega in span))
 
 
 def draw_levels(
