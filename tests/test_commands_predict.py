@@ -199,6 +199,11 @@ def test_a_model_alone_has_no_band(run, tmp_path):
     done = run("predict", "model.json", "--force", 0.5, "--frequency", "7:9", "--csv", "t.csv")
     assert done.exit_code == 0 and "No band: the file holds an equation" in done.output
     assert np.isnan(columns(tmp_path / "t.csv")["low [m]"]).all() and "low" not in done.output
+    assert "at an end of the range" not in done.output
+    assert (
+        "at an end of the range"
+        in run("predict", "model.json", "--force", 0.5, "--frequency", "7:7.5").output
+    )
     refused = run("predict", "model.json")
     assert refused.exit_code == 2 and "give --amplitude" in refused.stderr
 

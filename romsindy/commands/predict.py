@@ -67,6 +67,7 @@ _CAPTION = (
     "Solid where stable, dashed where not, dotted beyond the amplitudes of the data, with the 95 %"
     " band where there is one. At a fold a sweep jumps."
 )
+_AT_END = "That is at an end of the range: a wider --frequency shows more."
 _SEVERAL = "No band: errors of several coordinates are not followed into a response."
 _UNTRACED = re.compile(
     r"start (there|at the other end), frequency=\([^)]*\)(, or go on beyond it)?"
@@ -160,7 +161,7 @@ def _text(value: Any, digits: int) -> str:
     "--json",
     "json_file",
     type=Output(JSON, allow_dash=True),
-    help="Write the numbers to this file; - prints them and nothing else.",
+    help="Write the numbers to this file; - prints them, and words on the error stream.",
 )
 @click.option("--csv", "csv_file", type=Output(_MARK), help="Write the table.")
 @click.option(
@@ -212,6 +213,7 @@ def predict(
             tables=[foretold.table()],
             pictures=[foretold.picture],
             interactive=interactive,
+            notes_title="What is known of it",
             notes=[] if found is None else [str(found.verdict), *found.remarks()],
         )
     written = [told("Report", page)]
@@ -316,6 +318,7 @@ def _forced(
     unit_shown = response.unit or "unit of q"
     lines = [
         _largest(top._replace(low=ends[0], high=ends[1]), unit_shown),
+        _AT_END if top.frequency in (low, high) else "",
         *map(_jump, folds),
         remark,
         f"Dry friction is made smooth below {scale:.3g} {model.unit or '[q]'}/s." if scale else "",

@@ -347,7 +347,8 @@ def _stretches(
     """The stable and unstable stretches of one coordinate, each kind named once."""
     hz, named = response.frequency / (2 * np.pi), set[str]()
     # A stretch ends on the first point of the next one, so that the curve has no gaps.
-    kinds = np.where(response.beyond, 2, np.where(response.stable, 0, 1))
+    stable = response.stable_at(np.arange(len(response)))
+    kinds = np.where(response.beyond, 2, np.where(stable, 0, 1))
     changes = np.flatnonzero(np.diff(kinds)) + 1
     for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
         name, style = _KINDS[kinds[low]]
