@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import ttest_ind
 
-from romsindy.commands import analysis
+from romsindy.commands import measurement
 from romsindy.commands.main import main
 from romsindy.commands.measurement import Asked, Selection
 from romsindy_batch.entries import Entry, entries_of
@@ -280,7 +280,7 @@ def test_a_record_in_work_is_done_again_after_an_interruption(run, folder, monke
         raise KeyboardInterrupt
 
     with monkeypatch.context() as stopped:
-        stopped.setattr(analysis, "identify", interrupted)
+        stopped.setattr(measurement, "identify", interrupted)
         result = run("list.csv", "--out", "stopped")
     assert result.exit_code == 130
     kept = folder / "stopped" / "results.jsonl"
