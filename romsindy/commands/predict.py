@@ -45,6 +45,7 @@ from romsindy.physics.term_sum import json_text
 from romsindy.record.files.load import named
 from romsindy.record.interpolation import is_base
 from romsindy.record.recording import QUANTITIES
+from romsindy.record.units import force_unit
 from romsindy.show.page import Picture, write_page
 from romsindy.show.panels import draw_bands, draw_response
 from romsindy.text import TextTable, as_text, bar
@@ -263,11 +264,13 @@ def _some(count: int) -> list[int]:
 def _excitation(found: Estimate | None, model: Equations) -> tuple[str, str, str]:
     """What moves the structure, its unit, and what must be known of that."""
     if isinstance(found, SteadyEstimate):
-        return "force", found.test.unit or "(unit of the test)", ""
+        unit = found.test.unit
+        what = "force" if unit is None or force_unit(unit) else "measured excitation"  # a base
+        return what, unit or "(unit of the test)", ""
     for term in inputs_of(model):
         base = is_base(term.source)
-        unit = term.input_unit or (f"{model.unit}/s^2" if base else "(unit of the input)")
-        return "base acceleration" if base else "force", unit, ""
+        named_unit = term.input_unit or (f"{model.unit}/s^2" if base else "(unit of the input)")
+        return "base acceleration" if base else "force", named_unit, ""
     turns = model.unit in ("rad", "deg")
     what = "moment per moment of inertia" if turns else "force per unit mass"
     remark = f"The file knows no mass: --force is a {what}, that of the mode."
