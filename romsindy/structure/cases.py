@@ -10,7 +10,6 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -147,18 +146,6 @@ def _read(path: Path) -> dict[str, Array]:
     return content
 
 
-class StaticCases(Protocol):
-    """Where the shapes that a force holds come from."""
-
-    def curve(self, mode: LinearMode, reach: float | None, tolerance: float) -> Found:
-        """Shapes along a mode, as far as its loudest freedom is moved by ``reach``."""
-        ...
-
-    def compliance(self, curve: HeldCurve, shapes: Array) -> Compliance | None:
-        """What loads M phi of modes (k, n), the first that of the curve, do along it, if known."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class GivenCases:
     """Cases that came with the model, by number of the mode."""
@@ -242,3 +229,6 @@ class DeckCases:
         shapes = np.full((len(factors), len(mode.shape)), np.nan)
         shapes[: len(held.factors)] = held.shapes
         return HeldCases(np.array(factors), shapes)
+
+
+StaticCases = GivenCases | DeckCases  # where the shapes that a force holds come from

@@ -106,17 +106,20 @@ class HeldCurve:
         x = np.cos(np.pi * (np.arange(count) + 0.5) / count)
         return (low + high) / 2 + (high - low) / 2 * x
 
-    def powers_at(self, q: Array, slope: bool = False) -> Array:
-        """q^2 T_k, or their derivatives, (len(q), order - 1)."""
+    def chebyshev_at(self, q: Array, power: int, count: int, slope: bool = False) -> Array:
+        """A power of q times T_k over the range, or their derivatives, (len(q), count)."""
         low, high = self.range
-        x, scale = (2 * q - low - high) / (high - low), 2 / (high - low)
-        unit = np.eye(self.order - 1)
+        x, unit, q = (2 * q - low - high) / (high - low), np.eye(count), q[:, None]
         values = chebyshev.chebval(x, unit).T
-        size = max(-low, high) ** 2
         if not slope:
-            return q[:, None] ** 2 * values / size
-        slopes = chebyshev.chebval(x, chebyshev.chebder(unit)).T * scale
-        return (2 * q[:, None] * values + q[:, None] ** 2 * slopes) / size
+            return np.asarray(q**power * values)
+        slopes = chebyshev.chebval(x, chebyshev.chebder(unit)).T * (2 / (high - low))
+        return np.asarray(power * q ** (power - 1) * values + q**power * slopes)
+
+    def powers_at(self, q: Array, slope: bool = False) -> Array:
+        """q^2 T_k, or their derivatives, (len(q), order - 1), over the square of the range."""
+        low, high = self.range
+        return self.chebyshev_at(q, 2, self.order - 1, slope) / max(-low, high) ** 2
 
     @cached_property
     def _solve(self) -> Array:
@@ -393,31 +396,25 @@ class HeldShapes(Protocol):
     @property
     def omega2(self) -> float:
         """Square of the linear frequency, 1/s^2."""
-        ...
 
     @property
     def q(self) -> Array:
         """Coordinates, (n,)."""
-        ...
 
     @property
     def force(self) -> Array:
         """K(q), (n,)."""
-        ...
 
     @property
     def inertia(self) -> Array:
         """1 + h(q), (n,)."""
-        ...
 
     @property
     def following(self) -> Array:
         """x - x_eq - phi q of all freedoms, (n, m)."""
-        ...
 
     def mass_product(self, field: Array) -> float:
         """field^T M field of a field (m,)."""
-        ...
 
 
 def coefficients(curve: HeldShapes, order: int) -> dict[str, float]:

@@ -67,18 +67,19 @@ class RungModes:
         inner = np.linalg.inv(known.shapes @ momenta)
         stiffness = (inner + np.swapaxes(inner, 1, 2))[:, 1:, 1:] / 2
         follow = (np.swapaxes(inner, 1, 2) @ known.shapes)[:, 1:]
-        solve = np.linalg.pinv(_powers(curve, known.at, min(len(known.at), _ORDER)))
+        solve = np.linalg.pinv(curve.chebyshev_at(known.at, 1, min(len(known.at), _ORDER)))
         changes = stiffness - np.diag(omega2), follow - shapes
         return cls(curve, numbers, omega2, shapes, *(np.tensordot(solve, x, 1) for x in changes))
 
     def stiffness_at(self, q: Array, slope: bool = False) -> Array:
         """W(q), or its derivative, (len(q), k, k)."""
-        change = np.tensordot(_powers(self.curve, q, len(self.stiffer), slope), self.stiffer, 1)
+        powers = self.curve.chebyshev_at(q, 1, len(self.stiffer), slope)
+        change = np.tensordot(powers, self.stiffer, 1)
         return change if slope else np.diag(self.omega2) + change
 
     def shapes_at(self, q: Array, rows: Any, slope: bool = False) -> Array:
         """psi(q) of some freedoms, or its derivative, (len(q), k, len(rows))."""
-        powers = _powers(self.curve, q, len(self.bent), slope)
+        powers = self.curve.chebyshev_at(q, 1, len(self.bent), slope)
         change = np.tensordot(powers, self.bent[:, :, rows], 1)
         return change if slope else self.shapes[:, rows] + change
 
@@ -110,7 +111,7 @@ class RungModes:
             return np.asarray(np.linalg.solve(fit, _DERIVED @ fit @ values) / half)
 
         along = curve.powers_at(q, slope=True)
-        bends = [_powers(curve, q, len(self.bent), slope) for slope in (False, True)]
+        bends = [curve.chebyshev_at(q, 1, len(self.bent), slope) for slope in (False, True)]
         first = 1 + k + along.shape[1]
         parts = np.zeros((_FINE, 2 + 3 * k, len(self.products)))  # x', x'', psi, psi', psi''
         parts[:, 0, 0], parts[:, 0, 1 + k : first] = 1.0, along
@@ -152,15 +153,3 @@ class AlongCurve(NamedTuple):
     fit: Array  # coefficients from values there
     parts: Array  # of the vectors of `RungTables`, in the shapes of which they are sums
     table: Array  # of functions of the curve, (terms, values)
-
-
-def _powers(curve: HeldCurve, q: Array, order: int, slope: bool = False) -> Array:
-    """q T_k over the range, or their derivatives, (len(q), order)."""
-    low, high = curve.range
-    x, scale, unit = (2 * q - low - high) / (high - low), 2 / (high - low), np.eye(order)
-    values = chebyshev.chebval(x, unit).T
-    if not slope:
-        return q[:, None] * values
-    if order == 1:
-        return values
-    return values + q[:, None] * chebyshev.chebval(x, chebyshev.chebder(unit)).T * scale
