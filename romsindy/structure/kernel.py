@@ -1,6 +1,6 @@
 """Compiled loops over motions of structures: their functions of q, and a stage of a step in time.
 
-Functions are named by `in_time.RungTables`; of their vectors x' is 0, x'' is 1, then psi, psi' and
+Functions are named by `ringing.RungTables`; of their vectors x' is 0, x'' is 1, then psi, psi' and
 psi'' of k modes that ring. Products of vectors are the lower triangle of their matrix.
 """
 

@@ -22,9 +22,8 @@ from scipy.sparse import csc_array
 from romsindy.simulator.force import Force
 from romsindy.simulator.simulator import Question
 from romsindy.structure.held import HeldCurve
-from romsindy.structure.in_time import RungTables, Swing, side_by_side
 from romsindy.structure.linear import HeldCases, LinearMode, LinearModel
-from romsindy.structure.ringing import RungModes
+from romsindy.structure.ringing import RungModes, RungTables, Swing, side_by_side
 from romsindy.typing import Array
 
 _MOVES = 0.05  # of the largest displacement of the mode: what moves less can hide nothing
