@@ -12,9 +12,9 @@ from romsindy.commands.main import main
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.stiffness import Stiffness
 from romsindy.simulator.force import LawForce
-from romsindy.structure.corrected import Correction, corrected_deck
 from romsindy.structure.deck import Deck, DeckError
-from romsindy.structure.simulator import Units
+from romsindy.structure.linear import Units
+from romsindy.structure.parts import Correction, corrected_deck
 
 K, K3 = 2e3, 5e7  # N/m, N/m^3
 

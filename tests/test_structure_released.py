@@ -15,9 +15,10 @@ from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.simulator.force import LawForce
 from romsindy.structure.calculix import STOPPED, Released
-from romsindy.structure.corrected import Correction, corrected_deck
 from romsindy.structure.deck import Deck
-from romsindy.structure.simulator import Damping, Units
+from romsindy.structure.linear import Units
+from romsindy.structure.parts import Correction, corrected_deck
+from romsindy.structure.simulator import Damping
 
 K = 12e3  # N/m: the strip is held by 28e3 in its mode
 SMALL, LARGE = 1e-6, 0.8e-3  # m, of a thickness of 2 mm

@@ -20,7 +20,8 @@ from romsindy.physics.stiffness import Stiffness
 from romsindy.simulator.force import LawForce
 from romsindy.simulator.simulator import Question
 from romsindy.structure.deck_file import DeckFile
-from romsindy.structure.simulator import Damping, Units
+from romsindy.structure.linear import Units
+from romsindy.structure.simulator import Damping
 
 OMEGA = np.array([10.0, 37.0, 90.0])
 SENSORS = [(1, 1), (2, 1)]

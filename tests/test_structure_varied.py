@@ -6,8 +6,8 @@ from solid_decks import decks, needs_ccx
 
 import romsindy as rs
 from romsindy.structure.deck import Deck, DeckError
+from romsindy.structure.linear import Units
 from romsindy.structure.parts import PartValue, softened
-from romsindy.structure.simulator import Units
 
 ROOT = {"ROOT": lambda middle: middle[0] < 0.1}
 T = np.arange(0, 0.1, 2e-4)

@@ -31,10 +31,9 @@ from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.simulator.force import LawForce
 from romsindy.structure.calculix import STOPPED, Released
-from romsindy.structure.corrected import Correction, corrected_deck
 from romsindy.structure.deck import Deck
 from romsindy.structure.deck_file import DeckFile, sensor_of
-from romsindy.structure.parts import PartValue
+from romsindy.structure.parts import Correction, PartValue, corrected_deck
 from romsindy.structure.simulator import Damping
 from romsindy.structure.structure import Structure
 from romsindy.text import aligned, bar, listed, percent

@@ -244,17 +244,8 @@ class Deck:
 def _cards(path: Path, including: Sequence[Path] = ()) -> Iterator[Card]:
     """Cards of a file and of those that it includes, in their order."""
     for start, head, block, data in _blocks(_lines(path)):
-        name, *rest = [p.strip() for p in head.lstrip("*").split(",")]
-        pairs = (p.partition("=") for p in rest if p)
-        parameters = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-        card = Card(
-            " ".join(name.upper().split()),
-            parameters,
-            (path, start),
-            block,
-            (*data.values(),),
-            (*data,),
-        )
+        name, parameters = said_by(head)
+        card = Card(name, parameters, (path, start), block, (*data.values(),), (*data,))
         if card.name != "INCLUDE":
             yield card
             continue
@@ -267,6 +258,14 @@ def _cards(path: Path, including: Sequence[Path] = ()) -> Iterator[Card]:
         if other.resolve() in {p.resolve() for p in (*including, path)}:
             raise DeckError(f"{card.at}: *INCLUDE of {other} goes round in a circle: take it out")
         yield from _cards(other, (*including, path))
+
+
+def said_by(head: str) -> tuple[str, dict[str, str]]:
+    """Name and parameters of a card, by its first line."""
+    name, *rest = [p.strip() for p in head.lstrip("*").split(",")]
+    pairs = (p.partition("=") for p in rest if p)
+    parameters = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+    return " ".join(name.upper().split()), parameters
 
 
 def _lines(path: Path) -> list[str]:

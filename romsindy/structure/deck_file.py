@@ -12,8 +12,9 @@ from romsindy.physics import validation as entries
 from romsindy.physics.validation import refuse_unknown
 from romsindy.record.units import parse_unit
 from romsindy.structure.deck import Deck
+from romsindy.structure.linear import Units
 from romsindy.structure.parts import PartValue
-from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator, Units
+from romsindy.structure.simulator import HELD_BY, Damping, StructureSimulator
 from romsindy.structure.structure import Structure
 
 if sys.version_info >= (3, 11):

@@ -23,6 +23,18 @@ _AS_LARGE = 0.99  # of the largest movement: as large, but for rounding
 _SLIGHT = 1e-5  # of the largest eigenvalue of the mass: so negative is rounding
 
 
+class Units(NamedTuple):
+    """SI units in one of a model: m, kg."""
+
+    length: float = 1.0
+    mass: float = 1.0
+
+    @property
+    def force(self) -> float:
+        """N in a unit of force; times are in s."""
+        return self.length * self.mass
+
+
 class Matrices(NamedTuple):
     """Stiffness and mass of the free freedoms, and which these are."""
 

@@ -22,7 +22,7 @@ from scipy.sparse import csc_array
 from romsindy.simulator.force import Force
 from romsindy.simulator.simulator import Question
 from romsindy.structure.held import HeldCurve
-from romsindy.structure.linear import HeldCases, LinearMode, LinearModel
+from romsindy.structure.linear import HeldCases, LinearMode, LinearModel, Units
 from romsindy.structure.ringing import RungModes, RungTables, Swing, side_by_side
 from romsindy.typing import Array
 
@@ -49,18 +49,6 @@ class Damping(NamedTuple):
         return self.alpha + ratio * omega / (1 + omega / beside), self.beta + ratio / (
             omega + beside
         )
-
-
-class Units(NamedTuple):
-    """SI units in one of a model: m, kg."""
-
-    length: float = 1.0
-    mass: float = 1.0
-
-    @property
-    def force(self) -> float:
-        """N in a unit of force; times are in s."""
-        return self.length * self.mass
 
 
 @dataclass(frozen=True, eq=False)

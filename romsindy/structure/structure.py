@@ -18,7 +18,7 @@ from romsindy.structure.calculix import CalculiX, Released, Told
 from romsindy.structure.cases import CaseStore, DeckCases, GivenCases, StaticCases
 from romsindy.structure.deck import Deck
 from romsindy.structure.held import Found
-from romsindy.structure.linear import HeldCases, LinearModel, check_arrays, linear_modes
+from romsindy.structure.linear import HeldCases, LinearModel, Units, check_arrays, linear_modes
 from romsindy.structure.parts import CLAMP, PART, SOFT, PartValue, softened
 from romsindy.structure.reduction import Reduction, reduced
 from romsindy.structure.ringing import RungModes
@@ -28,7 +28,6 @@ from romsindy.structure.simulator import (
     Member,
     PartDecks,
     StructureSimulator,
-    Units,
     member_of,
 )
 from romsindy.typing import Array
