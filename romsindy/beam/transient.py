@@ -28,8 +28,6 @@ from romsindy.beam.structure import BeamStructure
 from romsindy.physics.validation import require_finite, require_positive
 from romsindy.text import bar, on_terminal
 
-DEFAULT_STEP = 1e-3
-DEFAULT_ENERGY_TOLERANCE = 1e-4
 _DEFAULT_MODES = 10
 
 
@@ -38,9 +36,9 @@ def simulate(
     equilibrium: Shape,
     shape: Shape,
     duration: float,
-    step: float = DEFAULT_STEP,
+    step: float = 1e-3,
     *,
-    energy_tolerance: float = DEFAULT_ENERGY_TOLERANCE,
+    energy_tolerance: float = 1e-4,
     modes: ModalBasis | None = None,
     sensors: SensorArray | None = None,
     keep_field: bool = False,

@@ -16,8 +16,8 @@ from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
-from romsindy.diagnosis.search import Finding
-from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
+from romsindy.diagnosis.search import LINEAR, Finding
+from romsindy.effects import QuadraticStiffness
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.gauss_newton import fit
@@ -50,13 +50,8 @@ from romsindy.record.units import UNITS
 from romsindy.text import listed, quantity
 from romsindy.typing import Array
 
-# What a model is unsure of, where nothing else is said.
-FREE = ("omega^2", "c_linear")
-
-
+FREE = (*LINEAR,)
 _WHOLE = (int, np.integer)
-
-
 _NUMBER = (*_WHOLE, float, np.floating)
 
 
@@ -362,7 +357,7 @@ def _fit_mirrored(model: ReducedModel, records: Sequence[Record]) -> bool:
     Such a force may reverse the model's own, but not its other even terms.
     """
     at = scales(records)
-    free = [Part.of(effect, at, 1) for effect in (LinearFrequency(), Viscous())]
+    free = [Part.of(effect, at, 1) for effect in LINEAR.values()]
     quadratic = Part.of(QuadraticStiffness(), at, 1)
     mirrored = fit(model, free, [_mirrored(r) for r in records]).chi_squared
     if mirrored > REVERSED_IS_BETTER * fit(model, free, records).chi_squared:

@@ -31,8 +31,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport, report_of
 from romsindy.diagnosis.residual_search import NoiseOfBest, ResidualSearch
-from romsindy.diagnosis.search import Options, smooth_model, sought_beside, unsure_parts
-from romsindy.effects import LinearFrequency, Viscous
+from romsindy.diagnosis.search import LINEAR, Options, smooth_model, sought_beside, unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
 from romsindy.effects.outside import (
@@ -94,9 +93,8 @@ def diagnose_forced(
     sought = catalogue_of(model, unsure, tolerances, options.catalogue)
     given = (model, records, scales, unsure, replace(options, catalogue=sought))
     search = search_beside_inputs(*given, ways(measured)[0])
-    linear = (LinearFrequency(), Viscous())
     asked = options.tolerance.source != DEFAULT  # else noise alone decides
-    slack = linear_values_within(search, linear) if asked else None
+    slack = linear_values_within(search, [*LINEAR.values()]) if asked else None
     if slack is not None:
         return report_of(search, slack, test, on_inputs(search), ForcedReport)
     found = search.run()

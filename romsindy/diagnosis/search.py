@@ -599,7 +599,8 @@ def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
     return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
 
 
-_LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+# What a model is unsure of, where nothing else is said.
+LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
 
 
 def unsure_parts(
@@ -608,7 +609,7 @@ def unsure_parts(
     tolerances: Mapping[str, float],
     all_scales: Scales,
     n_records: int,
-    known: Mapping[str, Effect] = _LINEAR,
+    known: Mapping[str, Effect] = LINEAR,
 ) -> tuple[Part, ...]:
     """Parts of the values that a simulation is unsure of, or knows to a tolerance.
 

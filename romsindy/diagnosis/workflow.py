@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from romsindy.diagnosis.arguments import check_request, checked_records
+from romsindy.diagnosis.arguments import FREE, check_request, checked_records
 from romsindy.diagnosis.decay_search import DecaySearch, ProcessNoise
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nuisances
@@ -346,7 +346,7 @@ def _as_well(
 # Offset, gain and curvature of the sensor within what is known of them are fitted, and nobody is
 # told that anything is missing. With them linear stiffness and damping are asked before any effect
 # is, then each other coefficient.
-_LINEAR = ("omega^2", "c_linear")
+
 _TRIED = 3  # of the coefficients, those that the screening puts first
 
 
@@ -359,7 +359,7 @@ def other_values(
     """
     laws = {e.term(): e.name for e in catalogue}
     names = {law.key: name for law, name in laws.items() if law is not None}
-    taken = {*_LINEAR, *known, *(term.key for term in inputs_of(model))}
+    taken = {*FREE, *known, *(term.key for term in inputs_of(model))}
     return tuple(
         Coefficient(term, names.get(term.key, "coefficient"))
         for term in model.terms

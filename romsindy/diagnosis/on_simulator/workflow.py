@@ -12,11 +12,10 @@ from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import ForceScale, OnSimulator, ProbeSpring, ValueEffect
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.search import LINEAR, Options
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
 from romsindy.diagnosis.structure import linear_parts, sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
-from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
@@ -36,7 +35,6 @@ Values = Mapping[str, tuple[float, float | None]]
 _MOST_RELEASES = 20
 _NEXT, _DOWN_TO = 0.6, 1.5  # of the release before; of the least amplitude of the records
 _MOVES = 0.1  # of the largest channel: the first must tell where the structure is let go
-_LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
 _PROBE = 2e-2  # change of omega^2 by a spring, which tells what a force does
 _FELT, _MOST_TRIED, _FARTHEST = 1e-6, 12, 1e4
 _CYCLES = 20  # that are simulated with a probe
@@ -81,7 +79,7 @@ def diagnose_simulator(
     near = [e for e in own if e.tolerance is not None]
     # Values that are stated stand for what the simulation is unsure of.
     free = (() if parameters else FREE) if free is None else free
-    unsure: list[Effect] = [_LINEAR[f] if isinstance(f, str) else f for f in free]
+    unsure: list[Effect] = [LINEAR[f] if isinstance(f, str) else f for f in free]
     records = [Record.loud(on.decay(d), options.floor) for d in decays]
     amplitude, omega = scales(records)[:2]
     on = replace(on, reach=(amplitude, amplitude * omega))
@@ -145,10 +143,10 @@ def checked_values(given: Mapping[str, float | tuple[float, float]]) -> Values:
 def _check(measured: Sequence[Decay], free: Sequence[str | Effect] | None) -> None:
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [f for f in free or () if not isinstance(f, Effect) and f not in _LINEAR]
+    unknown = [f for f in free or () if not isinstance(f, Effect) and f not in LINEAR]
     if unknown:
         raise ValueError(
-            f"free = {list(free or ())}: of a simulator, {list(_LINEAR)} can be free; name its own"
+            f"free = {list(free or ())}: of a simulator, {list(LINEAR)} can be free; name its own"
             " values in parameters"
         )
 
