@@ -31,6 +31,7 @@ _MOVED = {
     "Bootstrap": "romsindy.fit.refine.Bootstrap",
     "Branch": "romsindy.orbits.continuation.Branch",
     "Curve": "romsindy.fit.results.estimate.Curve",
+    "DiagnosisReport": "romsindy.diagnosis.DiagnosisReport",
     "ForcedBand": "romsindy.fit.results.forced_band.ForcedBand",
     "ForcedReport": "romsindy.diagnosis.ForcedReport",
     "ForcedResponse": "romsindy.orbits.curves.ForcedResponse",

@@ -3,7 +3,6 @@
 from romsindy.beam import BaseAcceleration as BaseAcceleration
 from romsindy.beam import Beam as Beam
 from romsindy.beam import PointForce as PointForce
-from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
 from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.identify import identify as identify

@@ -111,7 +111,7 @@ def test_a_mode_may_take_part_without_a_ratio():
 
 def test_a_mode_that_only_rings_is_a_second_mode():
     report = rs.diagnose(MODEL, decay(), catalogue=FEW)
-    assert type(report) is rs.DiagnosisReport and report.notes == ()
+    assert type(report) is rs.diagnosis.DiagnosisReport and report.notes == ()
     assert [e.name for e in report.effects] == ["second_mode"]
 
 
@@ -127,7 +127,7 @@ def test_it_is_not_blamed_for_what_is_missing(ratio):
 @pytest.mark.slow
 def test_friction_beside_a_mode_that_only_rings():
     report = rs.diagnose(MODEL, decay(friction=3.0), catalogue=(*FEW, DryFriction()))
-    assert type(report) is rs.DiagnosisReport and report.notes == ()
+    assert type(report) is rs.diagnosis.DiagnosisReport and report.notes == ()
     assert {e.name for e in report.effects} == {"second_mode", "dry_friction"}
 
 

@@ -154,4 +154,4 @@ def test_an_exponent_is_held_at_the_next_whole_number():
 def test_the_default_is_what_tests_repeat_to():
     assert Tolerance() == Tolerance(1e-3, 5e-2, 1e-2, "default")
     assert replace(Tolerance(), source="stated") != Tolerance()
-    assert isinstance(diagnose(MODEL, again(), tolerance=STRICT), rs.DiagnosisReport)
+    assert isinstance(diagnose(MODEL, again(), tolerance=STRICT), rs.diagnosis.DiagnosisReport)

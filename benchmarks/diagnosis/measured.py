@@ -20,7 +20,7 @@ from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.refine import refine
 
 
-def ship(folder: Path, run: str, start: float) -> tuple[rs.DiagnosisReport, float, float]:
+def ship(folder: Path, run: str, start: float) -> tuple[rs.diagnosis.DiagnosisReport, float, float]:
     """Simulated roll decay against a measured run: report, envelope error before and after, deg.
 
     The envelope errors are those of the logarithmic decay cycle by cycle, over the amplitudes
@@ -59,7 +59,7 @@ def _envelope_error(model: rs.ReducedModel, backbone: rs.Backbone, shared: np.nd
     return float(np.sqrt(np.mean((np.array(said) - a) ** 2)))
 
 
-def pendulum(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
+def pendulum(folder: Path) -> tuple[rs.diagnosis.DiagnosisReport, float, float]:
     """Viscous model against three releases: report, rms error before and after, deg."""
     content = np.load(folder / "pendulum_free_swing.npz")
     swings = []
@@ -78,7 +78,7 @@ def pendulum(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
     return report, before, after
 
 
-def clamped_beam(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
+def clamped_beam(folder: Path) -> tuple[rs.diagnosis.DiagnosisReport, float, float]:
     """Model of run b against run a: report, linear frequency before and after, Hz.
 
     Both without their first 0.6 s, in which the frequency falls from 100 to 65 Hz.
@@ -98,7 +98,7 @@ def clamped_beam(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
     return report, float(before), float(after)
 
 
-def beam_in_resonance(folder: Path) -> rs.DiagnosisReport:
+def beam_in_resonance(folder: Path) -> rs.diagnosis.DiagnosisReport:
     """Model of one mode against run b of the clamped beam, whose third mode takes part (1:5)."""
     file = folder / "cc_beam_bristol.npz"
     run = rs.load_decay(file, "m/s", column="mode1b_v", time="mode1b_t").free()
@@ -146,7 +146,7 @@ REPEATS = {
 }
 
 
-def against_repeat(name: str, folder: Path) -> Callable[[], rs.DiagnosisReport]:
+def against_repeat(name: str, folder: Path) -> Callable[[], rs.diagnosis.DiagnosisReport]:
     """Diagnosis of a run beside the model of another; of three, the spread of two is known.
 
     The first mode of the double beam is identified; the others are taken for a simulated file.

@@ -23,7 +23,7 @@ from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment
 
 def outcome(
     case: Case, test: Experiment | None, seed: int
-) -> tuple[rs.DiagnosisReport | None, str]:
+) -> tuple[rs.diagnosis.DiagnosisReport | None, str]:
     """A diagnosis of all records, after a test if there is one, and what it is worth."""
     decays = case.trial.decays()
     held_out = decays.pop() if case.trial.held_out else None
