@@ -15,12 +15,10 @@ Counted is how often it lies in its band, and how wide that is.
 Both are integrated by scipy's DOP853, which shares nothing with the package.
 """
 
-import argparse
-
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+from seeds import parser_of, tried
 
 from romsindy import Decay, identify
 
@@ -143,15 +141,11 @@ def of_flutter(results):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = parser_of(__doc__, 40)
     parser.add_argument("kind", choices=["roll", "flutter"])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=40, help="records")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
     given = parser.parse_args(arguments)
     trial, told = (roll_trial, of_roll) if given.kind == "roll" else (flutter_trial, of_flutter)
-    seeds = range(given.first, given.first + given.count)
-    return told(Parallel(given.jobs)(delayed(trial)(seed) for seed in seeds))
+    return told([*tried(given, trial)])
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ terms fitted anew, and twice what the noise leaves. Oscillators are integrated h
 Kutta's method in plain numbers.
 """
 
-import argparse
 import time
 import warnings
 from pathlib import Path
@@ -28,6 +27,7 @@ from noise import pink
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.signal import lfilter
+from seeds import parser_of, step
 
 import romsindy as rs
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -82,7 +82,7 @@ class Oscillator(NamedTuple):
         """Displacement at the samples; ``force`` holds for each step inside of them."""
         numbers = self.inertia, self.c, self.drag, self.friction, *self.taylor, t[1] - t[0]
         u, c, d, f, k, k2, k3, dt = map(float, numbers)
-        step = dt / INSIDE
+        h = dt / INSIDE
 
         def rate(w, q, v):
             loss = c * v + d * abs(v) * v + f * ((v > 0) - (v < 0))
@@ -90,14 +90,7 @@ class Oscillator(NamedTuple):
 
         q, v, found = 1.0, 0.0, [1.0]
         for i, w in enumerate(force.tolist()):
-            a1 = rate(w, q, v)
-            a2 = rate(w, q + step / 2 * v, v + step / 2 * a1)
-            a3 = rate(w, q + step / 2 * (v + step / 2 * a1), v + step / 2 * a2)
-            a4 = rate(w, q + step * (v + step / 2 * a2), v + step * a3)
-            q, v = (
-                q + step * v + step**2 / 6 * (a1 + a2 + a3),
-                v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4),
-            )
+            q, v = step(rate, h, q, v, w, w, w)
             if (i + 1) % INSIDE == 0:
                 found.append(q)
         return np.array(found)
@@ -324,10 +317,7 @@ def line(name, rows):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=40)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser = parser_of(__doc__, 40)
     parser.add_argument("--noise", choices=NOISES)
     parser.add_argument("--what", choices=[*RECORDS, "lacking"])
     parser.add_argument("--cache", type=Path, help="folder of simulated beams")

@@ -10,12 +10,10 @@ not fitted, is predicted from the state of its first fiftieth, over the noise, a
 linear and cubic values lie in their 95 % intervals.
 """
 
-import argparse
-
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from seeds import parser_of, tried
 
 from romsindy import ForcedVibration, identify
 
@@ -91,15 +89,10 @@ def trial(seed):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=30, help="records")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    given = parser.parse_args(arguments)
-    tasks = [delayed(trial)(seed) for seed in range(given.first, given.first + given.count)]
+    given = parser_of(__doc__, 30).parse_args(arguments)
     two = predicted = 0
     every = []
-    for seed, channels, count, error, holds in Parallel(given.jobs, return_as="generator")(tasks):
+    for seed, channels, count, error, holds in tried(given, trial):
         two, predicted = two + (count == 2), predicted + (error <= 1.3)
         every += holds
         print(
@@ -108,8 +101,8 @@ def main(arguments=None):
             flush=True,
         )
     print(
-        f"of {len(tasks)}: two coordinates {two}; held out at most 1.3 times the noise {predicted};"
-        f" intervals hold {100 * np.mean(every):.0f} % of {len(every)}"
+        f"of {given.count}: two coordinates {two}; held out at most 1.3 times the noise"
+        f" {predicted}; intervals hold {100 * np.mean(every):.0f} % of {len(every)}"
     )
     return two, predicted, float(np.mean(every))
 

@@ -13,14 +13,14 @@ moves. The motion is integrated here by Runge and Kutta's method, and shares not
 package.
 """
 
-import argparse
 import warnings
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from forced_vibrations import KINDS, excitation
-from joblib import Parallel, delayed
 from scipy.signal import lfilter
+from seeds import parser_of, step, tried
 
 from romsindy import ForcedVibration, ReducedModel, refine
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -92,15 +92,6 @@ def motion(s, strength=0.0, unknown=None):
         if (i + 1) % INSIDE == 0:
             found.append(q + p)
     return np.array(found)
-
-
-def step(rate, h, q, v, first, middle, last):
-    """One step of Runge and Kutta's method for q'' = rate(force, q, q')."""
-    a1 = rate(first, q, v)
-    a2 = rate(middle, q + h / 2 * v, v + h / 2 * a1)
-    a3 = rate(middle, q + h / 2 * (v + h / 2 * a1), v + h / 2 * a2)
-    a4 = rate(last, q + h * (v + h / 2 * a2), v + h * a3)
-    return q + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
 def structure(seed):
@@ -217,18 +208,13 @@ def line(noise, rows):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser = parser_of(__doc__, 20)
     parser.add_argument("--noise", choices=NOISES)
     parser.add_argument("--list", action="store_true", help="one line for each")
     options = parser.parse_args(arguments)
-    seeds = range(options.first, options.first + options.count)
     for noise in [options.noise] if options.noise else NOISES:
         rows = []
-        tasks = (delayed(trial)(noise, seed) for seed in seeds)
-        for r in Parallel(options.jobs, return_as="generator")(tasks):
+        for r in tried(options, partial(trial, noise)):
             rows.append(r)
             if options.list or not r.explained or not r.noticed:
                 print(

@@ -9,11 +9,10 @@ shares nothing with the package. Printed: whether friction is found, which terms
 the viscous damping lies in its 95 % interval, and the same of the friction.
 """
 
-import argparse
-
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
+from seeds import parser_of
 
 from romsindy import Decay, ForcedVibration, identify
 
@@ -174,10 +173,7 @@ def trial(kind, seed):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=20, help="of each kind")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = parser_of(__doc__, 20, "of each kind")
     parser.add_argument("--kinds", nargs="+", default=["driven", "coupled"])
     given = parser.parse_args(arguments)
     tasks = [

@@ -8,11 +8,10 @@ Sweep, multisine or random force or base motion, held or band-limited; 30 to 50 
 integrated here by Runge and Kutta's method in plain numbers, and shares nothing with the package.
 """
 
-import argparse
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
+from seeds import parser_of, step, tried
 
 from romsindy import ForcedVibration, ReducedModel, identify, refine
 
@@ -66,11 +65,7 @@ def motion(truth, push, dt):
         return f - c * v - quadratic * abs(v) * v - q * (k + q * (k2 + q * k3))
 
     for i, (first, middle, last) in enumerate(push.tolist()):
-        a1 = rate(first, q, v)
-        a2 = rate(middle, q + h / 2 * v, v + h / 2 * a1)
-        a3 = rate(middle, q + h / 2 * (v + h / 2 * a1), v + h / 2 * a2)
-        a4 = rate(last, q + h * (v + h / 2 * a2), v + h * a3)
-        q, v = q + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        q, v = step(rate, h, q, v, first, middle, last)
         if (i + 1) % INSIDE == 0:
             found.append(q)
     return np.array(found)
@@ -145,16 +140,12 @@ def trial(seed, select):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=200, help="records")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = parser_of(__doc__, 200)
     parser.add_argument("--select", action="store_true", help="choose the terms")
     parser.add_argument("--list", action="store_true", help="one line for each")
     given = parser.parse_args(arguments)
-    tasks = (delayed(trial)(given.first + i, given.select) for i in range(given.count))
     covered, total, right, wrong, explained, same, open_ = 0, 0, 0, 0, 0, 0, []
-    for s, off, note, exact, fine in Parallel(given.jobs, return_as="generator")(tasks):
+    for s, off, note, exact, fine in tried(given, trial, given.select):
         inside = sum(abs(x) < 2 for x in off.values())
         covered, total = covered + inside, total + len(off)
         said = "held" if s.way == "hold" else "band-limited"

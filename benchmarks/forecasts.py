@@ -14,7 +14,6 @@ of all records of a kind, as a part of their largest response.
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -24,6 +23,7 @@ from bands import LEVEL, holds, interval_score
 from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+from seeds import parser_of
 
 import romsindy as rs
 from romsindy.text import aligned
@@ -237,11 +237,7 @@ def line(name: str, rows: Sequence[Row], commons: dict[str, float]) -> list[str]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="seed")
-    parser.add_argument("--count", type=int, default=40, help="of records")
-    parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
+    options = parser_of(__doc__, 40).parse_args()
     rows = Parallel(options.jobs)(
         delayed(trial)(i, options.first + i) for i in range(options.count)
     )

@@ -11,11 +11,9 @@ off, beside its standard error; at last how many records are explained, and mass
 intervals.
 """
 
-import argparse
-
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
+from seeds import parser_of, tried
 
 from romsindy import ForcedVibration, identify
 
@@ -86,16 +84,9 @@ def trial(seed):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=1, help="first seed")
-    parser.add_argument("--count", type=int, default=20, help="records")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    given = parser.parse_args(arguments)
-    tasks = [delayed(trial)(seed) for seed in range(given.first, given.first + given.count)]
+    given = parser_of(__doc__, 20, first=1).parse_args(arguments)
     explained = exact = inside = 0
-    for seed, good, false, missing, off, error, holds in Parallel(
-        given.jobs, return_as="generator"
-    )(tasks):
+    for seed, good, false, missing, off, error, holds in tried(given, trial):
         explained, inside = explained + good, inside + holds
         exact += not (false or missing)
         print(
@@ -104,7 +95,7 @@ def main(arguments=None):
             f"{'' if holds else ', outside'}",
             flush=True,
         )
-    print(f"of {len(tasks)}: explained {explained}, terms exact {exact}, mass inside {inside}")
+    print(f"of {given.count}: explained {explained}, terms exact {exact}, mass inside {inside}")
     return explained, exact, inside
 
 

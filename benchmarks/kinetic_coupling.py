@@ -10,11 +10,9 @@ with the package. Printed: terms that are missing and false, and the share of th
 in their 95 % intervals.
 """
 
-import argparse
-
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.integrate import solve_ivp
+from seeds import parser_of, tried
 
 from romsindy import Decay, identify
 
@@ -112,15 +110,9 @@ def is_damping(name):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    given = parser.parse_args(arguments)
-    seeds = range(given.first, given.first + given.count)
+    given = parser_of(__doc__, 20, "systems").parse_args(arguments)
     inside, clean = [], 0
-    rows = Parallel(given.jobs, return_as="generator")(delayed(trial)(seed) for seed in seeds)
-    for seed, missing, false, holds, fit in rows:
+    for seed, missing, false, holds, fit in tried(given, trial):
         inside += holds.values()
         clean += not any(map(is_damping, false))
         print(
@@ -132,7 +124,7 @@ def main(arguments=None):
         )
     print(
         f"{100 * np.mean(inside):.0f} % of {len(inside)} coefficients in their intervals; no false"
-        f" damping term in {clean} of {len(seeds)}"
+        f" damping term in {clean} of {given.count}"
     )
     return inside, clean
 

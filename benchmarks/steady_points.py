@@ -12,12 +12,11 @@ Printed: terms that are false or missing, intervals that hold, and of a level of
 force, which was not measured, how many points of the branch lie in the band, and the folds.
 """
 
-import argparse
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.optimize import brentq, fsolve
+from seeds import parser_of, tried
 
 from romsindy import fit_steady
 
@@ -154,14 +153,9 @@ def trial(seed):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=40, help="oscillators")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    given = parser.parse_args(arguments)
-    tasks = [delayed(trial)(seed) for seed in range(given.first, given.first + given.count)]
+    given = parser_of(__doc__, 40, "oscillators").parse_args(arguments)
     found = []
-    for one in Parallel(given.jobs, return_as="generator")(tasks):
+    for one in tried(given, trial):
         found.append(one)
         print(
             f"{one.seed} {one.kind}: false {', '.join(one.false) or '-'}; missing"

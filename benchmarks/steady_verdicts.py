@@ -13,12 +13,12 @@ motion from rest is integrated by Runge and Kutta's method until it is steady, a
 harmonic read off; this shares nothing with the package.
 """
 
-import argparse
 import warnings
 from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
+from seeds import parser_of
 
 from romsindy import ReducedModel, fit_steady
 
@@ -169,10 +169,7 @@ def report(rows):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=20, help="systems, right and wrong each")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = parser_of(__doc__, 20, "systems, right and wrong each")
     parser.add_argument("--list", action="store_true", help="print every verdict")
     given = parser.parse_args(arguments)
     seeds = range(given.first, given.first + given.count)
