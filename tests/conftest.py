@@ -7,8 +7,10 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from click.testing import CliRunner
 
 import romsindy as rs
+from romsindy.commands.main import main
 
 matplotlib.use("Agg")
 
@@ -39,6 +41,19 @@ def measured() -> Path:
     if not _MEASURED.is_dir():
         pytest.skip(f"measured decays are not at {_MEASURED.name}/ beside the project")
     return _MEASURED
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Where commands run: an empty folder, or one of a file's own with its records."""
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder, monkeypatch):
+    """Run a command there."""
+    monkeypatch.chdir(folder)
+    return lambda *words: CliRunner().invoke(main, [str(word) for word in words])
 
 
 def pytest_deselected(items: list[pytest.Item]) -> None:

@@ -6,14 +6,13 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.stats import ttest_ind
 
 from romsindy.commands import measurement
-from romsindy.commands.main import main
 from romsindy.commands.measurement import Asked, Selection
 from romsindy_batch.entries import Entry, entries_of
 from romsindy_batch.pictures import pictures
@@ -256,9 +255,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def run(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *words: CliRunner().invoke(main, ["batch", *map(str, words)])
+def run(run):
+    return partial(run, "batch")
 
 
 def test_what_is_refused_is_told_and_kept(run, folder):

@@ -32,13 +32,6 @@ from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.physics.example import EXAMPLE_MODEL
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
-
-
 def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     result = run("identify", "--example", "--model", "model.json", "--save", "found.json",
                  "--figure", "backbone.png", "--full")  # fmt: skip

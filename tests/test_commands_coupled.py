@@ -56,12 +56,6 @@ def folder(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def run(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
-
-
 @pytest.fixture(scope="module")
 def identified(folder):
     """What the command printed, and its list of results."""

@@ -1,14 +1,13 @@
 """`romsindy diagnose --input`: what a simulation lacks, from files with their inputs."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from test_commands_forced import DT, GAIN, TRUTH, multisine, response, write
 
 import romsindy as rs
-from romsindy.commands.main import main
 
 PART = ["--input", "force", "--end", 5]
 
@@ -31,9 +30,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def run(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *words: CliRunner().invoke(main, ["diagnose", *map(str, words)])
+def run(run):
+    return partial(run, "diagnose")
 
 
 @pytest.mark.slow

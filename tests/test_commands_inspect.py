@@ -9,10 +9,8 @@ import shlex
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from romsindy.commands import measurement
-from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.text import aligned, as_options, quantity, with_band, with_error
 
@@ -20,13 +18,6 @@ RATE = 250.0  # Hz
 MODEL = ReducedModel.from_coefficients(
     {"omega^2": (2 * np.pi * 5) ** 2, "gamma_3": 80.0, "c_linear": 0.6}, unit="m"
 )
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def duffing(start, seed, duration=12.0):

@@ -4,9 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-
-from romsindy.commands.main import main
 
 MODEL = {"coefficients": {"omega^2": 1600.0, "c_linear": 0.4}, "unit": "m"}
 
@@ -28,12 +25,6 @@ def folder(tmp_path_factory):
         write(folder / f"run{i}.csv", 40 * (1 + 1.5e-3 * i), 0.4 * (1 + 0.06 * i), i)
     (folder / "model.json").write_text(json.dumps(MODEL))
     return folder
-
-
-@pytest.fixture
-def run(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *words: CliRunner().invoke(main, list(words))
 
 
 RUNS = ["run0.csv", "run1.csv", "run2.csv"]

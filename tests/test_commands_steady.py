@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,10 +23,8 @@ HEADER = "frequency [Hz],force [N],displacement [mm],displacement phase [deg]"
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run the command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, ["steady", *map(str, arguments)])
+def run(run):
+    return partial(run, "steady")
 
 
 def write(path, header, *columns):

@@ -6,19 +6,18 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import sympy
-from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from test_coupled import COUPLED
 from test_physics_laws import ALL, COMBINED, Ripple
 
 from romsindy import CoupledModel, ReducedModel
-from romsindy.commands.main import main
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -363,10 +362,8 @@ def test_command_exports_inputs(run, tmp_path):
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run the command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, ["export", *arguments])
+def run(run):
+    return partial(run, "export")
 
 
 def test_command_writes_what_the_methods_give(run, tmp_path):

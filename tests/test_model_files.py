@@ -7,19 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from romsindy import Beam
-from romsindy.commands.main import main
 from romsindy.physics.coupled import model_from_json
 from romsindy.physics.example import EXAMPLE_MODEL
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def test_the_equation_of_a_file_is_shown_without_sympy(run, tmp_path, monkeypatch):

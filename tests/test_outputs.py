@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from romsindy import ReducedModel, save_decay
 from romsindy.commands import results
@@ -47,13 +46,6 @@ PAIRS = [
     for i in options_of(command, output=False)
     for o in options_of(command, output=True)
 ]
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def test_every_option_that_writes_is_known():

@@ -10,12 +10,10 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 import romsindy as rs
-from romsindy.commands.main import main
 from romsindy.effects import AirDrag
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.show import compared, plots
@@ -29,13 +27,6 @@ from romsindy_study.pages import write_chapter, write_story
 @pytest.fixture(scope="module")
 def backbone():
     return rs.extract_backbone(rs.example_decay(35.0, 0))
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Run a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, list(arguments))
 
 
 def array(values):
