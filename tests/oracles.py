@@ -88,6 +88,18 @@ def falling_decay(
     return q, envelope, f * (1 + 0.8 * envelope**2)
 
 
+def multisine(seed: int, low: float = 1.0, high: float = 12.0, lines: int = 60) -> Callable:
+    """A force of random phases and lines of size 1 between two frequencies, exact at any time."""
+    rng = np.random.default_rng(seed)
+    frequency, phase = rng.uniform(low, high, lines), rng.uniform(0, 2 * np.pi, lines)
+    return lambda t: np.cos(2 * np.pi * np.multiply.outer(t, frequency) + phase).sum(axis=-1)
+
+
+def differences(function: Callable, z: np.ndarray, h: float = 1e-6) -> np.ndarray:
+    """Derivatives (n, m) of a function (n,) of z (m,), by central differences."""
+    return np.transpose([(function(z + d) - function(z - d)) / (2 * h) for d in h * np.eye(len(z))])
+
+
 def equation_of(model, free=()):
     """The equation of a model, some of whose coefficients are free."""
     return ExtendedEquation(model, free_coefficients(model, free), 0, 0.01, 0.0)

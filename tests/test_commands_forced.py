@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from oracles import multisine
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
@@ -21,13 +22,6 @@ DT = 0.01
 T = DT * np.arange(2000)
 KNOWN = ["--interpolation", "band-limited"]  # three times as fast
 GRAVITY = 9.80665
-
-
-def multisine(seed):
-    """A function of time, of random phases and 0 mean."""
-    rng = np.random.default_rng(seed)
-    frequency, phase = rng.uniform(1.0, 12.0, 60), rng.uniform(0, 2 * np.pi, 60)
-    return lambda t: np.cos(2 * np.pi * np.multiply.outer(t, frequency) + phase).sum(axis=-1)
 
 
 def response(push, seed):

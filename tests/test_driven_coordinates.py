@@ -1,6 +1,7 @@
 """Several coordinates under measured inputs, by equations that are written down here."""
 
 import numpy as np
+import oracles
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import odeint
@@ -37,10 +38,8 @@ START = {k: 1.04 * v if "omega" in k else v if "c_" in k else 0.0 for k, v in TR
 
 
 def multisine(seed, low=1.0, high=16.0, lines=80, size=1.0):
-    """A force of random phases, exact at any time."""
-    rng = np.random.default_rng(seed)
-    frequency, phase = rng.uniform(low, high, lines), rng.uniform(0, 2 * np.pi, lines)
-    return lambda t: size * np.cos(2 * np.pi * np.multiply.outer(t, frequency) + phase).sum(axis=-1)
+    force = oracles.multisine(seed, low, high, lines)
+    return lambda t: size * force(t)
 
 
 def rates(t, y, forces, gains, cubic=1.0):

@@ -4,6 +4,7 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
+import oracles
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import StateSpace, cont2discrete, dlsim
@@ -27,14 +28,8 @@ T = DT * np.arange(N)
 
 
 def multisine(seed, n=N, dt=DT, low=1.0, high=12.0, lines=60):
-    """A force of random phases, exact at any time, (n,) samples and the function."""
-    rng = np.random.default_rng(seed)
-    frequency = rng.uniform(low, high, lines)
-    phase = rng.uniform(0, 2 * np.pi, lines)
-
-    def force(t):
-        return np.cos(2 * np.pi * np.multiply.outer(t, frequency) + phase).sum(axis=-1)
-
+    """Samples (n,) of a force, and the function."""
+    force = oracles.multisine(seed, low, high, lines)
     return force(dt * np.arange(n)), force
 
 

@@ -55,17 +55,23 @@ def test_samples_that_are_held_or_go_straight_are_exact(way):
     assert np.abs(pushed - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-def test_a_multisine_has_its_transfer_function():
-    """In the middle, where neither the start nor the ends of the samples are felt."""
+@pytest.mark.parametrize(
+    ("lag", "tolerance"), [(0.0, 1e-8), pytest.param(0.02, 1e-7, marks=pytest.mark.slow)]
+)
+def test_a_multisine_has_its_transfer_function_and_that_of_a_lag(lag, tolerance):
+    """In the middle, where neither the start nor the ends of the samples are felt.
+
+    With a lag the ends of the samples are felt as 1 / distance^2.
+    """
     rng = np.random.default_rng(2)
     omega, phase = 2 * np.pi * rng.uniform(1, 30, 80), rng.uniform(0, 2 * np.pi, 80)
     t, damping, late = DT * np.arange(6000), 3.0, 0.0037
     h = GAIN * np.exp(-1j * omega * late) / (OMEGA**2 - omega**2 + 1j * damping * omega)
     waves = np.exp(1j * (np.multiply.outer(t, omega) + phase))
-    model = linear(Input("force", delay=late), damping=damping)
+    model = linear(Input("force", delay=late, lag=lag), damping=damping)
     q = model.simulate(0.0, 0.0, t, u=waves.sum(axis=1).real).y
-    middle, expected = slice(3000, 5000), (waves @ h).real
-    assert np.abs(q - expected)[middle].max() < 1e-8 * np.abs(expected).max()
+    middle, expected = slice(3000, 5000), (waves @ (h / (1 + 1j * omega * lag))).real
+    assert np.abs(q - expected)[middle].max() < tolerance * np.abs(expected).max()
 
 
 @pytest.mark.filterwarnings("ignore:.*saturated")  # what is held, sampled more often

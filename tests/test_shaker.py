@@ -103,21 +103,6 @@ def test_a_motion_after_a_lag_is_exact(way):
     assert np.abs(found - q).max() < 1e-8 * np.abs(q).max()
 
 
-@pytest.mark.slow
-def test_a_multisine_has_its_transfer_function_and_that_of_the_lag():
-    """In the middle, where neither the start nor the ends of the samples are felt."""
-    rng = np.random.default_rng(2)
-    omega, phase = 2 * np.pi * rng.uniform(1, 30, 80), rng.uniform(0, 2 * np.pi, 80)
-    t, damping, late, lag = DT * np.arange(6000), 3.0, 0.0037, 0.02
-    h = GAIN * np.exp(-1j * omega * late) / (OMEGA**2 - omega**2 + 1j * damping * omega)
-    waves = np.exp(1j * (np.multiply.outer(t, omega) + phase))
-    model = linear(Input("force", delay=late, lag=lag), damping=damping)
-    q = model.simulate(0.0, 0.0, t, u=waves.sum(axis=1).real).y
-    middle, expected = slice(3000, 5000), (waves @ (h / (1 + 1j * omega * lag))).real
-    # That without a lag is as exact; the ends of the samples are felt as 1 / distance^2.
-    assert np.abs(q - expected)[middle].max() < 1e-7 * np.abs(expected).max()
-
-
 def test_a_lag_needs_samples():
     with pytest.raises(ValueError, match=r"'gain \[force\]' has a lag of 0.02 s: give its samples"):
         linear(Input(lag=0.02)).simulate(0, 0, PART, u=np.sin)

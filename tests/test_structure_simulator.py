@@ -265,6 +265,20 @@ def test_a_linear_structure_rings_in_closed_form():
     assert np.abs(x - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+def _let_go(stiffness, phi):
+    """Coordinates of modes from which a force holds the first sensor, whose row is phi, at 0.1."""
+    held = np.linalg.solve(stiffness, phi)
+    return held * (0.1 / (held @ phi))
+
+
+def _by_matrices(whole, held):
+    """Coordinates at all times, (n, 3), by the exponential of the matrix of the states."""
+    step, states = expm(whole * T[1]), [np.append(held, np.zeros(3))]
+    for _ in T[1:]:
+        states.append(step @ states[-1])
+    return np.array(states)[:, :3]
+
+
 def test_a_spring_and_a_damper_at_the_first_sensor_are_those_of_the_matrices():
     """The force couples the modes: the exponential of the whole matrix is the oracle."""
     structure, k, c = _structure(), 30.0, 0.4
@@ -275,12 +289,7 @@ def test_a_spring_and_a_damper_at_the_first_sensor_are_those_of_the_matrices():
     stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 0], phi[:, 0])
     damping = c * np.outer(phi[:, 0], phi[:, 0])
     whole = np.block([[np.zeros((3, 3)), np.eye(3)], [-stiffness, -damping]])
-    held = np.linalg.solve(stiffness, phi[:, 0])  # the spring holds as well
-    held *= 0.1 / (held @ phi[:, 0])
-    step, y, expected = expm(whole * T[1]), np.append(held, np.zeros(3)), []
-    for _ in T:
-        expected.append(y[:3] @ phi)
-        y = step @ y
+    expected = _by_matrices(whole, _let_go(stiffness, phi[:, 0])) @ phi  # the spring holds as well
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
 
 
@@ -291,9 +300,7 @@ def test_a_force_may_act_elsewhere_than_at_a_sensor():
     phi = structure.shapes[:, [structure.freedom(*s) for s in (*SENSORS, (3, 1))]]
     stiffness = np.diag(OMEGA**2) + k * np.outer(phi[:, 2], phi[:, 2])
     square, turn = np.linalg.eigh(stiffness)
-    held = np.linalg.solve(stiffness, phi[:, 0])
-    held *= 0.1 / (held @ phi[:, 0])
-    waves = np.cos(np.outer(T, np.sqrt(square))) * (held @ turn)
+    waves = np.cos(np.outer(T, np.sqrt(square))) * (_let_go(stiffness, phi[:, 0]) @ turn)
     expected = waves @ turn.T @ phi[:, :2]
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
 
@@ -309,12 +316,7 @@ def test_a_mass_anywhere_is_that_of_the_matrices():
     mass, stiffness = 1.1 * np.eye(3) + m * together, 1.3 * np.diag(OMEGA**2)
     parts = np.linalg.solve(mass, np.hstack([-stiffness, -c * together]))
     whole = np.block([[np.zeros((3, 3)), np.eye(3)], [parts]])
-    held = np.linalg.solve(stiffness, phi[:, 0])
-    held *= 0.1 / (held @ phi[:, 0])
-    step, y, expected = expm(whole * T[1]), np.append(held, np.zeros(3)), []
-    for _ in T:
-        expected.append(y[:3] @ phi[:, :2])
-        y = step @ y
+    expected = _by_matrices(whole, _let_go(stiffness, phi[:, 0])) @ phi[:, :2]
     assert np.abs(x - expected).max() < 1e-5 * np.abs(x).max()
 
 
