@@ -8,7 +8,7 @@ import pytest
 import romsindy as rs
 from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.rounds import Rounds
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.structure import corrected
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, MoreMass
@@ -116,6 +116,6 @@ def test_values_that_other_modes_refute_do_not_stand_for_an_effect(refused):
     names = frozenset({"added_mass"})
     known = {"omega^2": 0.2, "c_linear": 0.2}
     said = None if refused is None else {frozenset[str](): refused, names: 0.0}
-    given = model, [decay], None, (), known, options, NO_FORM_ERROR, False
-    found = diagnose_model(*given, said)
+    request = Request([decay], None, (), known, options)
+    found = diagnose_model(model, request, NO_FORM_ERROR, False, said)
     assert found.best.names == (() if refused is None else tuple(names))

@@ -16,7 +16,7 @@ from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
-from romsindy.diagnosis.search import LINEAR, Finding
+from romsindy.diagnosis.search import LINEAR, Finding, Request
 from romsindy.effects import QuadraticStiffness
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Trajectory
@@ -85,15 +85,13 @@ def check_numbers(
 
 def check_request(
     model: Equations,
-    measured: Sequence[Decay] | Sequence[ForcedVibration],
-    held_out: Decay | ForcedVibration | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
+    request: Request,
     word: str = "decay",
     may_be_free: Collection[str] = FREE,
 ) -> None:
     """Raise a ValueError for arguments that cannot be meant: "decay 0" in messages."""
-    if not measured:
+    free, tolerances, everything = request.free, request.tolerances, request.everything
+    if not request.measured:
         raise ValueError("measured is empty: give at least one Decay")
     if isinstance(free, str) or not isinstance(free, Iterable):
         raise ValueError(f"free = {free!r} must be a list of names or effects, such as ['omega^2']")
@@ -120,8 +118,6 @@ def check_request(
                 f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
                 " none; give the coefficient its expected size, or leave it to the catalogue"
             )
-    everything: list[Decay | ForcedVibration] = [*measured]
-    everything += [held_out] if held_out is not None else []
     for i, decay in enumerate(everything):
         if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
             known = UNITS.get(model.unit)

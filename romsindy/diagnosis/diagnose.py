@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from time import monotonic
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from romsindy.diagnosis.residual_workflow import (
     tolerances_of,
 )
 from romsindy.diagnosis.residual_workflow import of_repeats as of_driven_repeats
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
@@ -217,54 +217,49 @@ def diagnose(
         np.inf if budget is None else monotonic() + budget,
     )
     without = {"sensors": sensors, "release": release, "reference": reference}
+    # Values of a simulator that are stated stand for what it is unsure of.
+    usual = () if parameters or isinstance(simulation, Beam) else FREE
+    request = Request(driven, held_out, usual if free is None else free, near, options)
     if driven:
         refuse_beside("forced vibrations", "diagnose decays", **without)
-        values = (FREE if free is None else free, near)
-        return _of_driven(simulation, driven, held_out, repeats, values, options)
+        return _of_driven(simulation, request, repeats)
     if held_out is not None and (not isinstance(held_out, Measurement) or held_out.driven):
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
-    aside = cast(Decay | None, held_out)
-    several = decays_of("measured", measured)
+    request = replace(request, measured=decays_of("measured", measured))
     again = decays_of("repeats", repeats) if repeats is not None else None
     if simulator is not None:
         refuse_beside("a simulator", "say it in the simulator", **without, tolerances=tolerances)
         if again is not None:
-            options = options.tolerating(of_repeats([d.channel(0) for d in again], floor))
-        return diagnose_simulator(
-            simulator, several, aside, free, checked_values(parameters or {}), options
-        )
+            request = request.tolerating(of_repeats([d.channel(0) for d in again], floor))
+        return diagnose_simulator(simulator, request, checked_values(parameters or {}))
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        options = _with_runs_of_sensors(options, simulation, sensors, again)
-        given_too = (sensors, aside, release, free or (), near, options, references)
-        return diagnose_beam(simulation, several, *given_too)
+        if again is not None:
+            request = request.tolerating(_runs_of_sensors(simulation, sensors, again, floor))
+        return diagnose_beam(simulation, request, sensors, release, references)
     if simulation.n_coordinates > 1:
         refuse_beside("a model of several coordinates", "model one coordinate", **without)
         if isinstance(model, Estimate) and tolerances is None:
-            near = tolerances_of(simulation, model)
+            request = replace(request, tolerances=tolerances_of(simulation, model))
         if again is not None:
-            options = options.tolerating(of_coupled_repeats(simulation, again, options))
-        unsure = FREE if free is None else free
-        return diagnose_coupled(simulation, several, aside, unsure, near, options)
+            request = request.tolerating(of_coupled_repeats(simulation, again, options))
+        return diagnose_coupled(simulation, request)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:
         raise ValueError("release = ... belongs to a Beam: leave it out for an equation")
     if again is not None:
-        options = options.tolerating(of_repeats(again, floor))
+        request = request.tolerating(of_repeats(again, floor))
     if isinstance(model, Estimate):
         if tolerance is None:
-            options = options.tolerating(of_estimate(model, _largest(simulation, several)))
+            largest = _largest(simulation, request.measured)
+            request = request.tolerating(of_estimate(model, largest))
         references += model.decays if isinstance(model, Fit) else ()
-    values = (FREE if free is None else free, near)
-    return _of_decays(simulation, several, aside, references, values, options)
-
-
-_Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
+    return _of_decays(simulation, request, references)
 
 
 def simulator_of(model: object) -> Simulator | None:
@@ -296,49 +291,35 @@ def _silent(_: str) -> None:
     """Nobody is told of progress."""
 
 
-def _of_driven(
-    simulation: Equations | Beam,
-    measured: Sequence[ForcedVibration],
-    held_out: object,
-    repeats: object,
-    values: _Values,
-    options: Options,
-) -> ForcedReport:
+def _of_driven(simulation: Equations | Beam, request: Request, repeats: object) -> ForcedReport:
     """Against driven records."""
-    test = None if held_out is None else driven_of("held_out", held_out)[0]
+    if request.held_out is not None:
+        request = replace(request, held_out=driven_of("held_out", request.held_out)[0])
     if repeats is not None:
-        runs = of_driven_repeats(simulation, driven_of("repeats", repeats), options)
-        options = options.tolerating(runs)
-    return diagnose_forced(simulation, measured, test, *values, options)
+        runs = driven_of("repeats", repeats)
+        request = request.tolerating(of_driven_repeats(simulation, runs, request.options))
+    return diagnose_forced(simulation, request)
 
 
-def _with_runs_of_sensors(
-    options: Options, beam: Beam, sensors: SensorArray, again: Sequence[Decay] | None
-) -> Options:
-    """Options that tolerate what repeats of a beam differ by, in its first mode."""
-    if again is None:
-        return options
+def _runs_of_sensors(
+    beam: Beam, sensors: SensorArray, again: Sequence[Decay], floor: float
+) -> Tolerance:
+    """What repeats of a beam differ by, in its first mode."""
     seen = InstrumentedBeam(beam, sensors)
     runs = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(again)]
-    return options.tolerating(of_repeats([seen.decay(d) for d in runs], options.floor))
+    return of_repeats([seen.decay(d) for d in runs], floor)
 
 
 def _of_decays(
-    simulation: ReducedModel,
-    measured: Sequence[Decay],
-    held_out: Decay | None,
-    references: Sequence[Decay],
-    values: _Values,
-    options: Options,
+    simulation: ReducedModel, request: Request, references: Sequence[Decay]
 ) -> DiagnosisReport | InteractionReport:
     """An equation against decays, of one coordinate or with another mode."""
     form = NO_FORM_ERROR
     if references:
-        left, form = of_references(simulation, references, options.floor)
-        options = options.tolerating(left)
-    alone = diagnose_model(simulation, measured, held_out, *values, options, form)
-    report = with_other_mode(alone, options)
-    return replace(report, notes=(*_left_out(simulation, measured, held_out), *report.notes))
+        left, form = of_references(simulation, references, request.options.floor)
+        request = request.tolerating(left)
+    report = with_other_mode(diagnose_model(simulation, request, form), request.options)
+    return replace(report, notes=(*_left_out(simulation, request), *report.notes))
 
 
 def _check_searched(catalogue: object, progress: object) -> None:
@@ -358,11 +339,9 @@ def _largest(model: ReducedModel, decays: Sequence[Decay]) -> float:
     return min(most, max((float(np.ptp(d.single().q)) / 2 for d in decays), default=1.0))
 
 
-def _left_out(
-    model: ReducedModel, decays: Sequence[Decay], held_out: Decay | None
-) -> tuple[str, ...]:
+def _left_out(model: ReducedModel, request: Request) -> tuple[str, ...]:
     """What of the records is not compared, for the model does not reach so far."""
-    records = {name_of(i): d for i, d in enumerate(decays)}
-    records |= {} if held_out is None else {HELD_OUT: held_out}
+    records = {name_of(i): d for i, d in enumerate(request.measured)}
+    records |= {} if request.held_out is None else {HELD_OUT: request.held_out}
     told = {name: shared_part(model, d).left_out for name, d in records.items()}
     return tuple(f"{name} {text}." for name, text in told.items() if text)

@@ -31,7 +31,14 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport, report_of
 from romsindy.diagnosis.residual_search import NoiseOfBest, ResidualSearch
-from romsindy.diagnosis.search import LINEAR, Options, smooth_model, sought_beside, unsure_parts
+from romsindy.diagnosis.search import (
+    LINEAR,
+    Options,
+    Request,
+    smooth_model,
+    sought_beside,
+    unsure_parts,
+)
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.choices import Kind, candidates, looked_for
 from romsindy.effects.outside import (
@@ -68,28 +75,21 @@ from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.text import quantity
 
 
-def diagnose_forced(
-    model: Equations | Beam,
-    measured: Sequence[ForcedVibration],
-    held_out: ForcedVibration | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    options: Options,
-) -> ForcedReport:
-    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`.
+def diagnose_forced(model: Equations | Beam, request: Request) -> ForcedReport:
+    """Find, name and add what a reduced model lacks.
 
     Gain and delay of an input that the model has are known, and may turn out to be wrong. Of other
     inputs both are fitted whatever the hypothesis.
     """
     model = reduced(model)
-    check_request(model, measured, held_out, free, tolerances, "record")
-    everything = [*measured, *([] if held_out is None else [held_out])]
-    check_inputs(model, everything)
-    records = checked_driven(everything, options.floor)
-    test = None if held_out is None else records.pop()
+    check_request(model, request, "record")
+    check_inputs(model, request.everything)
+    measured, options, tolerances = request.measured, request.options, request.tolerances
+    records = checked_driven(request.everything, options.floor)
+    test = None if request.held_out is None else records.pop()
     scales = _scales(records)
     model = smooth_model(model, scales)
-    unsure = unsure_parts(model, free, tolerances, scales, len(records))
+    unsure = unsure_parts(model, request.free, tolerances, scales, len(records))
     sought = catalogue_of(model, unsure, tolerances, options.catalogue)
     given = (model, records, scales, unsure, replace(options, catalogue=sought))
     search = search_beside_inputs(*given, ways(measured)[0])
@@ -228,25 +228,18 @@ class Coupling(Coefficient):
     label = "a coupling of modes"
 
 
-def diagnose_coupled(
-    model: CoupledModel,
-    measured: Sequence[Decay],
-    held_out: Decay | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    options: Options,
-) -> CoupledDiagnosis:
-    """Find, name and add what a model of several coordinates lacks; arguments as of `diagnose`."""
+def diagnose_coupled(model: CoupledModel, request: Request) -> CoupledDiagnosis:
+    """Find, name and add what a model of several coordinates lacks."""
     linear = linear_values(model)
-    free = [name for f in free for name in _of_every_coordinate(f, linear)]
-    check_request(model, measured, held_out, free, tolerances, may_be_free=(*FREE, *linear))
-    everything = [*measured, *([] if held_out is None else [held_out])]
-    records = _records(model, everything, options.floor)
-    test = None if held_out is None else records.pop()
-    search = _search(model, records, free, tolerances, options)
+    free = [name for f in request.free for name in _of_every_coordinate(f, linear)]
+    request = replace(request, free=free)
+    check_request(model, request, may_be_free=(*FREE, *linear))
+    records = _records(model, request.everything, request.options.floor)
+    test = None if request.held_out is None else records.pop()
+    search = _search(model, records, request)
     slack = linear_values_within(search, list(linear.values()))
     found = tested(search, search.run(), test) if slack is None else slack
-    return report_of(search, found, test, _notes(model, everything), CoupledDiagnosis)
+    return report_of(search, found, test, _notes(model, request.everything), CoupledDiagnosis)
 
 
 def of_coupled_repeats(
@@ -254,9 +247,9 @@ def of_coupled_repeats(
 ) -> Tolerance:
     """What runs of one test of several coordinates differ by; see `of_driven_repeats`."""
     check_repeats(repeats)
-    linear = list(linear_values(model))
+    request = Request(repeats, None, [*linear_values(model)], {}, options)
     records = _records(model, repeats, options.floor)
-    return of_driven_repeats([_search(model, [r], linear, {}, options) for r in records])
+    return of_driven_repeats([_search(model, [r], request) for r in records])
 
 
 def tolerances_of(model: CoupledModel, estimate: Estimate) -> dict[str, float]:
@@ -294,16 +287,13 @@ def _records(model: CoupledModel, decays: Sequence[Decay], floor: float) -> list
 
 
 def _search(
-    model: CoupledModel,
-    records: Sequence[CoupledRecord],
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    options: Options,
+    model: CoupledModel, records: Sequence[CoupledRecord], request: Request
 ) -> ResidualSearch:
     """A search beside the mode shapes."""
+    options, tolerances = request.options, request.tolerances
     each = _scales_of_each(model, records)
     largest = max(each, key=lambda scales: scales.amplitude)
-    given = (model, free, tolerances, largest, len(records), linear_values(model))
+    given = (model, request.free, tolerances, largest, len(records), linear_values(model))
     unsure = unsure_parts(*given)
     mains = [ModeShape(channel, i) for i, channel in enumerate(records[0].main)]
     sought = _sought(model, options.catalogue, each, unsure, tolerances)

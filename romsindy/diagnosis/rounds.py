@@ -17,7 +17,7 @@ from joblib import Parallel, delayed
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
@@ -240,8 +240,8 @@ class Rounds:
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[:n_training]
         counts = {n: self.elsewhere.get(n, 0.0) + x for n, x in self.refuted.items()}
-        known = chosen, self.form, False, {**self.elsewhere, **counts}
-        return self.look(self.model, training, test, self.unsure, {}, *known)
+        request = Request(training, test, self.unsure, {}, chosen)
+        return self.look(self.model, request, self.form, False, {**self.elsewhere, **counts})
 
     def can_have(self, parts: Sequence[Part]) -> bool:
         """Whether the structure can be simulated with all of these effects."""

@@ -359,6 +359,26 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Request:
+    """What is asked, and of which records: see `romsindy.diagnosis.diagnose`."""
+
+    measured: Sequence[Any]
+    held_out: Any  # a record that takes no part, or None
+    free: Sequence[str | Effect]
+    tolerances: Mapping[str, float]
+    options: Options
+
+    @property
+    def everything(self) -> list[Any]:
+        """All records, that which is held out last."""
+        return [*self.measured, *([] if self.held_out is None else [self.held_out])]
+
+    def tolerating(self, other: Tolerance) -> Request:
+        """The same with the larger of two tolerances, of each kind."""
+        return replace(self, options=self.options.tolerating(other))
+
+
+@dataclass(frozen=True)
 class Finding:
     """What a search found; its lists have the best first."""
 

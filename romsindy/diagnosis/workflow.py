@@ -17,7 +17,7 @@ from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import (
     Finding,
-    Options,
+    Request,
     part_of,
     rivals_of,
     screen,
@@ -44,31 +44,26 @@ from romsindy.fit.verdict import (
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
-from romsindy.record.decay import Decay
 
 
 def diagnose_model(
     model: ReducedModel,
-    measured: Sequence[Decay],
-    held_out: Decay | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    options: Options,
+    request: Request,
     form: FormError = NO_FORM_ERROR,
     own_values: bool = True,
     elsewhere: Mapping[frozenset[str], float] | None = None,
 ) -> DiagnosisReport:
-    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`.
+    """Find, name and add what a reduced model lacks.
 
     ``own_values`` says whether its coefficients are values of the simulation, not of its reduction,
     ``elsewhere`` what other modes say of effects, see `Hypothesis`.
     """
-    check_request(model, measured, held_out, free, tolerances)
-    records = _Records.of(model, measured, held_out, options.floor)
+    check_request(model, request)
+    options, tolerances, records = request.options, request.tolerances, _Records.of(model, request)
     model = smooth_model(model, records.scales)
     whole = tuple(predict(model, (), r, name) for name, r in records.whole.items())
     as_it_was = Gap(whole, unseen=True)
-    parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
+    parts = unsure_parts(model, request.free, tolerances, records.scales, len(records.learning))
     sought = sought_beside(parts, model, options.catalogue, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
     usual = over_all(options.tolerance, as_it_was.differences_before)
@@ -113,16 +108,14 @@ class _Records:
     scales: Scales
 
     @classmethod
-    def of(
-        cls, model: ReducedModel, measured: Sequence[Decay], held_out: Decay | None, floor: float
-    ) -> _Records:
+    def of(cls, model: ReducedModel, request: Request) -> _Records:
         """Look at decays, and hold out what judges.
 
         A record that was held out but reaches less far tells too little alone.
         """
-        everything = [*measured, *([] if held_out is None else [held_out])]
-        records = sharing_drift(checked_records(model, everything, floor))
-        tests = {} if held_out is None else {HELD_OUT: records.pop()}
+        records = checked_records(model, request.everything, request.options.floor)
+        records = sharing_drift(records)
+        tests = {} if request.held_out is None else {HELD_OUT: records.pop()}
         whole = {name_of(i): record for i, record in enumerate(records)} | tests
         all_scales = scales(records)
         largest = max(record.amplitude for record in records)

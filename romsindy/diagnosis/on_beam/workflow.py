@@ -36,7 +36,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_gains,
     slopes,
 )
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
@@ -61,14 +61,10 @@ _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 def diagnose_beam(
     beam: Beam,
-    measured: Sequence[Decay],
+    request: Request,
     sensors: SensorArray,
-    held_out: Decay | None,
     release: Shape | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    options: Options,
-    references: Sequence[Decay] = (),
+    references: Sequence[Decay],
 ) -> BeamReport:
     """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
@@ -78,13 +74,12 @@ def diagnose_beam(
     and the parameters of the beam replace effects of the catalogue that have the same name; an
     effect of your own with a ``mounting`` is looked for there.
     """
-    everything = [*measured, *([held_out] if held_out is not None else [])]
-    load = _check(measured, free, release)
-    free_names = {_FREE[str(name)] for name in free}
-    near = standard_deviations(beam, tolerances)
+    load, options, measured = _check(request, release), request.options, request.measured
+    free_names = {_FREE[str(name)] for name in request.free}
+    near = standard_deviations(beam, request.tolerances)
     everything = [
         checked_readings(d, i, sensors, beam.length)
-        for i, d in enumerate([*everything, *references])
+        for i, d in enumerate([*request.everything, *references])
     ]
     small = coarse(beam) if release is None else beam  # its load is one of these nodes
     seen = InstrumentedBeam(small, small.sensors(sensors.sensors))
@@ -109,7 +104,7 @@ def diagnose_beam(
     try:
         options, form = _known_errors(seen, model, known, start, options)
         starts: list[BeamRelease | None] = [start] * len(records)
-        given = (raw, held_out is not None, unsure, general, options, starts, form)
+        given = (raw, request.held_out is not None, unsure, general, options, starts, form)
         rounds = BeamRounds(OnBeam(seen), diagnose_model, model, records, *given)
         rounds.unseen = tuple(Part.of(e, scales(records), len(records)) for e in unseen)
         rounds.tolerant = bool(near.keys() - {"sensor_positions"})
@@ -246,14 +241,12 @@ def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
     return fitted.model.coefficients["omega^2"] - model.coefficients["omega^2"]
 
 
-def _check(
-    several: Sequence[Decay], free: Sequence[str | Effect], release: Shape | None
-) -> Array | None:
+def _check(request: Request, release: Shape | None) -> Array | None:
     """Refuse what cannot be meant; return the load of the release."""
-    if not several:
+    if not request.measured:
         raise ValueError("measured is empty: give at least one Decay")
-    if not set(free) <= set(_FREE):
-        raise ValueError(f"free = {list(free)}: of a beam, {list(_FREE)} can be free")
+    if not set(request.free) <= set(_FREE):
+        raise ValueError(f"free = {list(request.free)}: of a beam, {list(_FREE)} can be free")
     if release is not None and not np.any(release.load):
         raise ValueError(
             "release is held by no load: give a shape of beam.release_shape(...) or"

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigh
 
-from romsindy.diagnosis.arguments import FREE
 from romsindy.diagnosis.on_simulator.report import SimulatorReport
 from romsindy.diagnosis.on_simulator.seen import ForceScale, OnSimulator, ProbeSpring, ValueEffect
 from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds
-from romsindy.diagnosis.search import LINEAR, Options
+from romsindy.diagnosis.search import LINEAR, Options, Request
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
 from romsindy.diagnosis.structure import linear_parts, sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
@@ -49,14 +48,9 @@ _ELSEWHERE = 0.05
 
 
 def diagnose_simulator(
-    simulator: Simulator,
-    measured: Sequence[Decay],
-    held_out: Decay | None,
-    free: Sequence[str | Effect] | None,
-    parameters: Values,
-    options: Options,
+    simulator: Simulator, request: Request, parameters: Values
 ) -> SimulatorReport:
-    """Find, name and add what a simulator lacks; arguments as those of `diagnose`.
+    """Find, name and add what a simulator lacks.
 
     The simulator is let go from where the records are, and as often below as tells its stiffness,
     inertia and damping over their range. An equation of one coordinate stands for it; what it does
@@ -64,8 +58,8 @@ def diagnose_simulator(
     the values.
     """
     simulator.check_values([*parameters])
-    _check(measured, free)
-    decays = [*measured, *([held_out] if held_out is not None else [])]
+    _check(request)
+    decays, options = request.everything, request.options
     _check_channels(decays)
     say = options.progress
     values = {name: float(value) for name, (value, _) in parameters.items()}
@@ -77,15 +71,13 @@ def diagnose_simulator(
         on = replace(on, scale=_force_scale(on, model))
     own = [_value_effect(on, model, name, tolerance) for name, (_, tolerance) in parameters.items()]
     near = [e for e in own if e.tolerance is not None]
-    # Values that are stated stand for what the simulation is unsure of.
-    free = (() if parameters else FREE) if free is None else free
-    unsure: list[Effect] = [LINEAR[f] if isinstance(f, str) else f for f in free]
+    unsure: list[Effect] = [LINEAR[f] if isinstance(f, str) else f for f in request.free]
     records = [Record.loud(on.decay(d), options.floor) for d in decays]
     amplitude, omega = scales(records)[:2]
     on = replace(on, reach=(amplitude, amplitude * omega))
     looked_for = [*options.catalogue, *(e for e in own if e.tolerance is None)]
     rounds = SimulatorRounds(
-        *(on, diagnose_model, model, records, decays, held_out is not None),
+        *(on, diagnose_model, model, records, decays, request.held_out is not None),
         *([*unsure, *near], looked_for, options, [None] * len(records)),
     )
     try:
@@ -140,13 +132,12 @@ def checked_values(given: Mapping[str, float | tuple[float, float]]) -> Values:
     return found
 
 
-def _check(measured: Sequence[Decay], free: Sequence[str | Effect] | None) -> None:
-    if not measured:
+def _check(request: Request) -> None:
+    if not request.measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [f for f in free or () if not isinstance(f, Effect) and f not in LINEAR]
-    if unknown:
+    if any(not isinstance(f, Effect) and f not in LINEAR for f in request.free):
         raise ValueError(
-            f"free = {list(free or ())}: of a simulator, {list(LINEAR)} can be free; name its own"
+            f"free = {list(request.free)}: of a simulator, {list(LINEAR)} can be free; name its own"
             " values in parameters"
         )
 
