@@ -167,9 +167,12 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     without.
     """
     ringing = [m for m in found.modes if not m.steady]
+    drives, response = found.recording.drives, found.channel * (len(found.recording.names) > 1)
     if found.recording.driven:
-        kinds = [drive.kind for drive in found.recording.drives if drive.lasting]
-        yield _driven_step(found, command, kinds, found.channel * (len(found.recording.names) > 1))
+        kinds = [drive.kind for drive in drives if drive.lasting]
+        yield _driven_step(found, command, kinds, response)
+    elif kinds := [drive.kind for drive in drives if drive.acts]:  # a blow tells the mass as well
+        yield _driven_step(found, command, kinds, response)
     for response, column in found.may_drive[:_MOST_STEPS]:
         yield _driven_step(found, command, ["force"], response, column)
     if not ringing:

@@ -253,7 +253,7 @@ def recorded_input(x: Array, dt: float, name: str, kind: str) -> RecordedInput:
     x = x - np.median(x)
     size = np.array([np.max(np.abs(part), initial=0.0) for part in np.array_split(x, _WINDOWS)])
     if not np.any(size):
-        return RecordedInput(name, kind, "nothing but a constant", False)
+        return RecordedInput(name, kind, "nothing but a constant", False, False)
     acts = float(np.mean(size > _ACTS * size.max()))
     if acts < _DRIVES:
         return RecordedInput(

@@ -242,6 +242,7 @@ class RecordedInput:
     kind: str  # "force" or "base": what `romsindy identify --input` calls it
     how: str  # what it does: "swept sine from 4 to 12 Hz"
     lasting: bool  # whether it drives the record; what follows a blow is free
+    acts: bool = True  # whether it does anything
 
     def __str__(self) -> str:
         return f"{self.kind} in column {self.name!r}: {self.how}"
