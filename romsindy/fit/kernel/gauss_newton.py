@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from romsindy.fit.kernel.collocation import Trajectory
-from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import Response, respond_together, sampled
 from romsindy.fit.kernel.part import (
@@ -185,22 +185,27 @@ def linear_tables(
     numbers = numbers or range(len(records))
     pairs = zip(numbers, records, strict=True)
     equations = [equation_of(model, parts, i, record) for i, record in pairs]
-    ends, steps = [0], np.cumsum([motion.grid.n_steps for motion in motions])
-    while (first := ends[-1]) < len(motions):
-        most = _TOGETHER + steps[first] - motions[first].grid.n_steps
-        alike = (
-            k
-            for k in range(first + 1, len(motions))
-            if steps[k] > most or not equations[first].is_like(equations[k])
-        )
-        ends.append(next(alike, len(motions)))
-        for k, response in enumerate(
-            respond_together(equations[first], motions[first : ends[-1]]), first
-        ):
+    for some in _alike(equations, motions):
+        responses = respond_together(equations[some[0]], [motions[k] for k in some])
+        for k, response in zip(some, responses, strict=True):
             i, record = numbers[k], records[k]
             change = record.in_orders(parts, response.samples)
             x = record.in_orders(parts, partial(sampled, motions[k])) + change[..., 0]
             yield response, record.table(parts, i, x, change[..., 1:])
+
+
+def _alike(
+    equations: Sequence[ExtendedEquation], motions: Sequence[Trajectory]
+) -> Iterator[list[int]]:
+    """Places of motions of one equation that follow each other, as many as a cache holds."""
+    some, steps = [0], motions[0].grid.n_steps
+    for k, motion in enumerate(motions[1:], 1):
+        steps += motion.grid.n_steps
+        if steps > _TOGETHER or not equations[some[0]].is_like(equations[k]):
+            yield some
+            some, steps = [], motion.grid.n_steps
+        some.append(k)
+    yield some
 
 
 def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:
