@@ -268,9 +268,11 @@ class Result:
             lines, later = (lines, later + rows) if r.steady else (lines + rows, later)
         doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
         lines += [*doubts, *later]
-        left = len(lines) - (room - 1)
-        more = f" {left} more lines with --full, and on the page." if left > 0 else ""
-        return [*lines[: room - 1], f"Next: {self.step}{more}"]
+        shown = lines[: room - 1]
+        shown = shown[:-1] if shown[-1].endswith(":") else shown  # a title of nothing
+        left = len(lines) - len(shown)
+        more = f" {left} more lines with --full, and on the page." if left else ""
+        return [*shown, f"Next: {self.step}{more}"]
 
     def full(self) -> str:
         """All of it, tables included."""
