@@ -139,7 +139,7 @@ def stepped(off, seed, noise=0.3):
 def test_levels_of_a_stepped_sine_that_scatter_are_found():
     """The force alone, by less than the points scatter: six tell it to 30 %, and widen it."""
     off = 0.006 * np.array([1.0, -1.2, 0.8, -0.9, 1.1, -0.8])
-    stiffness, damping, force = stepped(off, 3).between[0][0]
+    stiffness, damping, force = stepped(off, 3).test.form[0]
     assert 0.5 * np.std(off) < force < 2.5 * np.std(off)
     # As parts of the force at resonance: a tenth of it.
     assert stiffness / 0.04 < force and damping / 0.04 < force

@@ -6,7 +6,7 @@ import pytest
 from romsindy.effects.choices import PLACES, sought
 from romsindy.fit.choice import Gram, Trials, dragged
 from romsindy.fit.kernel.collocation import Grid, Trajectory
-from romsindy.fit.kernel.hypothesis import smoothed
+from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.results.estimate import Estimate, massless, possible, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
@@ -79,18 +79,12 @@ def test_friction_and_drag_are_looked_for_wherever_terms_are_chosen_in_time():
     assert len(PLACES) == 7
 
 
-def test_friction_is_smooth_at_the_speed_of_its_own_direction():
-    """Of two coordinates that move at 1 and 10 per second, 0.1 per cent each."""
-
-    class Moved:
-        q_dot = np.array([[1.0, -10.0], [0.5, 2.0]])
-
-    class Seen:
-        motion = Moved
-
-    laws = tuple(Along(Friction(), w) for w in ((1.0,), (0.0, 1.0), (1.0, -1.0)))
-    model = smoothed(CoupledModel(laws, (1.0, 1.0, 1.0)), [Seen])
-    assert [t.law.creep for t in model.terms] == pytest.approx([0.001, 0.01, 0.011])
+def test_friction_acts_along_its_own_direction():
+    model = CoupledModel((Along(Friction(), (1.0, -1.0)),), (2.0,))
+    equation = ExtendedEquation(model, (), 0, 0.01, 0.0, creep=1e-3)
+    rest, q_dot = np.zeros((2, 2)), np.array([[1.0, -10.0], [0.5, 2.0]])
+    residual = equation.linearise(np.zeros(2), rest, q_dot, rest)[0]
+    np.testing.assert_allclose(residual, [[2.0, -2.0], [-2.0, 2.0]])
 
 
 def swung(reach, n=1):
