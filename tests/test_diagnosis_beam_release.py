@@ -22,6 +22,7 @@ from romsindy.diagnosis.on_beam.release import (
     rung_by,
 )
 from romsindy.diagnosis.on_beam.within_tolerances import effects_of
+from romsindy.diagnosis.structure import AskedMotion
 from romsindy.effects import AtPoint, Damper, PointMass
 from romsindy.fit.records.record import Record
 from romsindy.record.signals import with_noise
@@ -89,13 +90,14 @@ def test_a_load_that_cannot_hold_the_beam_was_not_its_release():
     record, on = Record.of(decay, 1e-4), OnBeam(SEEN)
     # Thirty times as far as the first, in a mode that is 16 times as fast: it cannot be bent so.
     rung = bending(BEAM, STEP).ringing(np.array([0.0, 0.5]), np.zeros(2))
-    given = (None, (), record, decay, (0.016, 0.0))
-    found = on.moved(*given, BeamRelease(None, rung))
+    asked = AskedMotion(None, (), record, (0.016, 0.0), BeamRelease(None, rung))
+    found = on.moved(asked, decay)
     assert found.release.load is None and found.release.ringing is None
     np.testing.assert_allclose(SEEN.coordinate(found.readings[0])[: len(q)], q, atol=1e-4)
     modes = BEAM.modes(count=3)
+    load = BeamRelease(modes.momenta[2] * modes.omega[2] ** 2)
     with pytest.raises(FAILURES):
-        on.moved(*given, BeamRelease(modes.momenta[2] * modes.omega[2] ** 2))
+        on.moved(asked._replace(release=load), decay)
 
 
 def test_modal_release_needs_no_higher_mode():

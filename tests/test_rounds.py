@@ -83,8 +83,8 @@ def test_an_equation_has_what_it_needs_where_the_structure_has_more():
     there = needed.moved(13 * needed.values)
     asked = []
 
-    def moved(equation, parts, *given):
-        asked.extend((equation.parts, parts))
+    def moved(motion, decay):
+        asked.extend((motion.equation.parts, motion.parts))
         raise StopIteration
 
     def start(model, parts, record):

@@ -31,6 +31,7 @@ from romsindy.diagnosis.on_simulator.simulator_rounds import SimulatorRounds, le
 from romsindy.diagnosis.on_simulator.workflow import _reduced, _shape, _value_effect
 from romsindy.diagnosis.rounds import Outcome
 from romsindy.diagnosis.search import Options, screen, with_textbook_exponent
+from romsindy.diagnosis.structure import AskedMotion
 from romsindy.effects import (
     AirDrag,
     CubicStiffness,
@@ -265,7 +266,7 @@ def two_modes_cut(since, other=0.2):
 def test_other_modes_tell_how_long_ago_a_record_was_released(cycles):
     """It turned every half cycle since; let go from there, the simulator does what was measured."""
     seen, record, decay, clean = two_modes_cut(cycles * CYCLE)
-    found = seen.moved(EQUATION, (), record, decay, slow_state(cycles * CYCLE), None)
+    found = seen.moved(AskedMotion(EQUATION, (), record, slow_state(cycles * CYCLE), None), decay)
     assert found.release.since == pytest.approx(cycles * CYCLE, rel=1e-6)
     # Splines of the fifth order, of 60 samples a cycle of the slow mode and 14 of the other.
     assert np.abs(found.readings[0] - clean).max() < 1e-4 * SIZE
@@ -273,7 +274,7 @@ def test_other_modes_tell_how_long_ago_a_record_was_released(cycles):
 
 def test_without_other_modes_a_record_turned_just_before():
     seen, record, decay, _ = two_modes_cut(1.3 * CYCLE, other=0.0)
-    found = seen.moved(EQUATION, (), record, decay, slow_state(1.3 * CYCLE), None)
+    found = seen.moved(AskedMotion(EQUATION, (), record, slow_state(1.3 * CYCLE), None), decay)
     assert found.release.since == pytest.approx(0.3 * CYCLE, rel=0.01)
 
 
@@ -283,7 +284,7 @@ def test_a_state_that_turns_a_little_later_is_no_cycle_later(cycles):
     seen, record, decay, clean = two_modes_cut(0.0)
     q, q_dot = slow_state(0.0)
     known = Beginning(cycles * CYCLE, (q, abs(q_dot) + 0.01 * RATE * q))
-    found = seen.moved(EQUATION, (), record, decay, slow_state(0.0), known)
+    found = seen.moved(AskedMotion(EQUATION, (), record, slow_state(0.0), known), decay)
     ago = round(2 * cycles) / 2 * CYCLE
     assert found.release.since == pytest.approx(ago, abs=0.01 * CYCLE)
     # Most is the state itself, which is so far from where it turns.

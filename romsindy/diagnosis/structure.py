@@ -27,6 +27,16 @@ _FLOOR = 1e-6  # of the largest reading: the least noise
 _SLOW = 3  # cycles from knot to knot of what is no noise of a sensor
 
 
+class AskedMotion(NamedTuple):
+    """A motion over a record, from a state of the coordinate on."""
+
+    equation: ExtendedEquation  # of the coordinate, with the same parts
+    parts: Sequence[Part]
+    record: Record
+    start: tuple[float, float]
+    release: Any  # what was found before, or None
+
+
 class Moved(NamedTuple):
     """A simulated motion over a record."""
 
@@ -70,20 +80,8 @@ class SimulatedStructure(Protocol):
     ) -> tuple[float, float]:
         """Coordinate and its rate at the start of a record."""
 
-    def moved(
-        self,
-        equation: ExtendedEquation,
-        parts: Sequence[Part],
-        record: Record,
-        decay: Decay,
-        start: tuple[float, float],
-        release: Any,
-    ) -> Moved:
-        """Simulate it with some parts from a state of the coordinate, over a record.
-
-        ``equation`` is that of the coordinate with the same parts, ``decay`` what all sensors
-        measured in the record, ``release`` what was found before, or None.
-        """
+    def moved(self, asked: AskedMotion, decay: Decay) -> Moved:
+        """Simulate it; the decay is what all sensors measured in the record."""
 
 
 def corrected(
@@ -108,7 +106,8 @@ def corrected(
     needed = parts if needed is None else needed
     equation = equation_of(model, needed, 0, record)
     start = structure.start(model, needed, smooth)
-    moved, start, release = structure.moved(equation, parts, record, decay, start, release)
+    asked = AskedMotion(equation, parts, record, start, release)
+    moved, start, release = structure.moved(asked, decay)
     reduced = integrate(equation, np.array(start), record.motion.grid)
     signals: dict[str, Any] = {}
     for name, measured in record.decay.signals.items():

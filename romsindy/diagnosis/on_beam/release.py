@@ -27,9 +27,14 @@ from romsindy.beam.motion import StepTooLongError
 from romsindy.diagnosis.all_sensors import without
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, RingingModes
 from romsindy.diagnosis.on_beam.within_tolerances import beam_with, on_the_beam
-from romsindy.diagnosis.structure import Moved, as_measured, linear_parts, start_of
+from romsindy.diagnosis.structure import (
+    AskedMotion,
+    Moved,
+    as_measured,
+    linear_parts,
+    start_of,
+)
 from romsindy.fit.kernel.collocation import TrajectoryError
-from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import MOVING
@@ -281,19 +286,12 @@ class OnBeam:
             return start_of(model, linear_parts(record), record, fixed=False)
         return start_of(model, parts, record)
 
-    def moved(
-        self,
-        equation: ExtendedEquation,
-        parts: Sequence[Part],
-        record: Record,
-        decay: Decay,
-        start: tuple[float, float],
-        release: BeamRelease | None,
-    ) -> Moved:
+    def moved(self, asked: AskedMotion, decay: Decay) -> Moved:
         """What the sensors, that measured ``decay``, read of the beam with some parts.
 
         The release is read from them where none is given.
         """
+        equation, parts, record, start, release = asked
         beam = beam_with(self.seen.beam, parts)
         own = decay.between(record.decay.t[0])
         if release is None:

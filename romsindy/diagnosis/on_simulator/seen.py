@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, cast
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from romsindy.diagnosis.structure import Moved, key_of, linear_parts, start_of
+from romsindy.diagnosis.structure import AskedMotion, Moved, key_of, linear_parts, start_of
 from romsindy.effects.base import TermEffect
 from romsindy.effects.stiffness import MoreMass
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -328,23 +328,16 @@ class OnSimulator:
         known = extended(model, self.with_effects(parts))
         return start_of(known, linear_parts(record), first, fixed=False)
 
-    def moved(
-        self,
-        equation: ExtendedEquation,
-        parts: Sequence[Part],
-        record: Record,
-        decay: Decay,
-        start: tuple[float, float],
-        release: Beginning | None,
-    ) -> Moved:
+    def moved(self, asked: AskedMotion, decay: Decay) -> Moved:
         """What the sensors read from a state of the coordinate on, over a record.
 
         Other modes in its first cycles say how long ago it was released; where they say nothing, it
         was at the turning point before, or where it begins if its velocity is next to none.
         """
-        if release is not None:
-            (found,) = moved_together([AskedMotion(self, equation, parts, record, start, release)])
+        if asked.release is not None:
+            (found,) = moved_together([(self, asked)])
             return whole(found)
+        equation, parts, record, start, _ = asked
         past = self._past(equation, start, record, _EARLIEST)
         turns = max(int(past.speed > _STILL), past.first)
         run = self._run(past, turns, parts, record, float(record.t[-1]))
@@ -454,22 +447,14 @@ class Run(NamedTuple):
         return Moved(readings, past.start(self.turns), Beginning(self.before, state))
 
 
-class AskedMotion(NamedTuple):
-    """A motion over a record that is asked: see `OnSimulator.moved`."""
+def moved_together(asked: Sequence[tuple[OnSimulator, AskedMotion]]) -> list[Moved | Failure]:
+    """What the sensors of one simulator read in each motion, or why there is none.
 
-    there: OnSimulator
-    equation: ExtendedEquation
-    parts: Sequence[Part]
-    record: Record
-    start: tuple[float, float]
-    release: Beginning
-
-
-def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
-    """What the sensors of one simulator read in each motion, or why there is none."""
+    How each begins is known.
+    """
     found: dict[int, Moved | Failure] = {}
     runs: list[tuple[int, Past, int, Question]] = []
-    for i, (there, equation, parts, record, start, release) in enumerate(asked):
+    for i, (there, (equation, parts, record, start, release)) in enumerate(asked):
         try:
             begins, most = release.state or start, round(release.since * record.rate / np.pi)
             past = there._past(equation, begins, record, most + (release.since > 0))
@@ -481,14 +466,15 @@ def moved_together(asked: Sequence[AskedMotion]) -> list[Moved | Failure]:
         except TrajectoryError as error:
             found[i] = error
     if runs:
-        there = asked[0].there
+        there = asked[0][0]
         answers = there.simulator.decays([question for *_, question in runs], len(there.shape))
         for (i, past, turns, _), answer in zip(runs, answers, strict=True):
             if isinstance(answer, SimulatorError):
                 found[i] = answer
             else:
                 run = Run(turns, *past.releases[turns], answer)
-                found[i] = run.moved(asked[i].record, past, asked[i].release.state)
+                own = asked[i][1]
+                found[i] = run.moved(own.record, past, own.release.state)
     return [found[i] for i in range(len(asked))]
 
 

@@ -16,14 +16,13 @@ from scipy.linalg import block_diag
 
 from romsindy.diagnosis.all_sensors import GAINS, FirstMode, Readings, by_gains, detuned
 from romsindy.diagnosis.on_simulator.seen import (
-    AskedMotion,
     Beginning,
     Failure,
     OnSimulator,
     ValueEffect,
     moved_together,
 )
-from romsindy.diagnosis.structure import key_of
+from romsindy.diagnosis.structure import AskedMotion, key_of
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.part import Part, moved_parts, prior_cost, priors
 from romsindy.fit.records.record import Record
@@ -187,11 +186,11 @@ class SensorFit:
                 record = self.records[i].until(end)
                 equation = equation_of(self.model, parts, i, record)
                 assert release.state is not None
-                given = (equation, parts, record, release.state, release)
-                questions.append(AskedMotion(there, *given))
+                motion = AskedMotion(equation, parts, record, release.state, release)
+                questions.append((there, motion))
                 measured.append(self.measured[i])
         found: list[Now | Failure] = []
-        for m, q, own in zip(moved_together(questions), questions, measured, strict=True):
+        for m, (_, q), own in zip(moved_together(questions), questions, measured, strict=True):
             if isinstance(m, Failure):
                 found.append(m)
             else:

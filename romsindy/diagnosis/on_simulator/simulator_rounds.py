@@ -33,7 +33,6 @@ from romsindy.diagnosis.on_simulator.candidates import (
     matters,
 )
 from romsindy.diagnosis.on_simulator.seen import (
-    AskedMotion,
     Beginning,
     Failure,
     OnSimulator,
@@ -44,7 +43,14 @@ from romsindy.diagnosis.on_simulator.sensor_fit import FittedSimulator, Now, Sen
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of
 from romsindy.diagnosis.search import strongest_tones
-from romsindy.diagnosis.structure import Corrected, as_measured, key_of, sensor_errors, with_signal
+from romsindy.diagnosis.structure import (
+    AskedMotion,
+    Corrected,
+    as_measured,
+    key_of,
+    sensor_errors,
+    with_signal,
+)
 from romsindy.effects.base import Effect
 from romsindy.effects.outside import TONES
 from romsindy.fit.kernel.collocation import TrajectoryError
@@ -511,11 +517,12 @@ class SimulatorRounds(Rounds):
             record = own.until(float(read.t[-1]) + own.decay.dt)
             equation = equation_of(self.model, parts, i, record)
             start = there.start(self.model, parts, self.smooth[i])
-            questions.append(AskedMotion(there, equation, parts, record, start, self.releases[i]))
+            motion = AskedMotion(equation, parts, record, start, self.releases[i])
+            questions.append((there, motion))
         rows = zip(moved_together(questions), asked, questions, strict=True)
         return [
             m if isinstance(m, Failure) else m.readings[q.record.derivative][: len(read.t)]
-            for m, (_, _, read, _), q in rows
+            for m, (_, _, read, _), (_, q) in rows
         ]
 
     def own_error(self, found: Sequence[Corrected]) -> float:
