@@ -30,7 +30,7 @@ from romsindy.effects import AirDrag, DryFriction
 from romsindy.effects.outside import Hum
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.shooting import shoot
-from romsindy.fit.records.record import Record, scales
+from romsindy.fit.records.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 
@@ -178,7 +178,7 @@ def test_harmonics_of_hum_need_not_show_in_every_record():
 
     one, two = hum(0.01), hum(0.01, 0.008)
     records = [Record.of(decay(a, reading=r), 1e-4) for a, r in ((1.0, one), (0.6, two))]
-    ((frequency, highest), *_) = screen(MODEL, (), [Hum()], records, scales(records)).scales.combs
+    ((frequency, highest), *_) = screen(MODEL, (), [Hum()], records).scales.combs
     assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
 
 

@@ -47,7 +47,7 @@ from romsindy.effects.outside import Hum, SecondMode
 from romsindy.fit.kernel.equation import ExtendedEquation
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record, scales
+from romsindy.fit.records.record import Record
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Combination
 from romsindy.simulator import Program, Simulator, SimulatorError
@@ -443,7 +443,7 @@ def test_a_tone_that_the_simulator_rings_is_no_harmonic_of_hum():
     records = [Record.of(rs.Decay(t, x), 1e-6)]
 
     def combs(*beside):
-        found = screen(LINEAR, (), [Hum(beside=beside)], records, scales(records)).candidates
+        found = screen(LINEAR, (), [Hum(beside=beside)], records).candidates
         return [e.frequency for e, _ in found if e.harmonics > 1]
 
     assert any(tone / f == pytest.approx(round(tone / f), abs=1e-3) for f in combs())

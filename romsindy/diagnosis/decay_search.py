@@ -34,7 +34,7 @@ from romsindy.fit.kernel.collocation import TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution
 from romsindy.fit.kernel.shooting import shoot, simulated_misfit
-from romsindy.fit.records.record import Record, scales
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
 
@@ -234,7 +234,7 @@ class DecaySearch(Search):
     def _screened(self, best: Hypothesis) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
         left = [e for e in self.options.catalogue if e.name not in used]
-        given = (self.model, best.solution.parts, left, self.records, scales(self.records))
+        given = (self.model, best.solution.parts, left, self.records)
         # Linearised about the measured motion, where all effects have left their mark.
         screening = screen(*given)
         if not best.effects or screening.base <= best.at(NO_FORM_ERROR).misfit:
@@ -254,7 +254,7 @@ class DecaySearch(Search):
         held = tuple(p for p in self.free if p.effect.name in names)
         free = tuple(p for p in self.free if p.effect.name not in names)
         parts, n_held = (*held, *free, *beside), sum(p.strengths.size for p in held)
-        screening = screen(self.model, parts, left, self.records, scales(self.records))
+        screening = screen(self.model, parts, left, self.records)
         singles = leaders(screening.singles(n_held))
         slack = SCREENED * (screening.left(n_held) - screening.base)
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
@@ -320,8 +320,8 @@ class DecaySearch(Search):
         left = [e for e in self.options.catalogue if isinstance(e, Hum) and e.name not in used]
         if not left or len(best.effects) == self.options.max_effects:
             return []
-        known, motions = scales(self.records), best.solution.motions
-        screening = screen(self.model, best.solution.parts, left, self.records, known, motions)
+        parts, motions = best.solution.parts, best.solution.motions
+        screening = screen(self.model, parts, left, self.records, motions)
         hums = self._hums(screening)[:1]
         return self.fitted([[*best.effects, self._part(s, screening)] for s in hums])
 

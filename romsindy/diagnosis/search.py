@@ -37,7 +37,7 @@ from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import nodes, respond, sampled
 from romsindy.fit.kernel.part import Coefficient, Part, Solution, columns_of, in_place, read
 from romsindy.fit.kernel.prepared import Prepared
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
@@ -202,19 +202,18 @@ def screen(
     parts: Sequence[Part],
     effects: Sequence[Effect],
     records: Sequence[Record],
-    scales: Scales,
     motions: Sequence[Trajectory] | None = None,
 ) -> Screening:
     """Screen effects as additions to a model with its parts (which stay free).
 
-    The parts are the values now of what is unsure, and what was accepted already. The scales come
-    without lines: those are found in what the parts leave. The equation is linearised about the
-    motions, by default the smoothed measurement.
+    The parts are the values now of what is unsure, and what was accepted already. Lines are found
+    in what the parts leave. The equation is linearised about the motions, by default the smoothed
+    measurement.
     """
     motions = motions or [r.motion for r in records]
     known = {tone for e in effects if isinstance(e, TONES) for tone in e.beside}
-    scales = _with_tones(model, tuple(parts), records, scales, motions, tuple(known))
-    return screened(model, parts, effects, records, scales, motions)
+    lines = _with_tones(model, tuple(parts), records, motions, tuple(known))
+    return screened(model, parts, effects, records, lines, motions)
 
 
 def screened(
@@ -288,7 +287,6 @@ def _with_tones(
     model: ReducedModel,
     parts: tuple[Part, ...],
     records: Sequence[Record],
-    scales: Scales,
     motions: Sequence[Trajectory],
     known: tuple[float, ...],
 ) -> Scales:
@@ -296,7 +294,7 @@ def _with_tones(
 
     Those at ``known`` frequencies, rad/s, are those of something else: they make no comb.
     """
-    record, motion = records[0], motions[0]
+    record, motion, own = records[0], motions[0], scales(records)
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
     response = respond(equation_of(model, parts, 0, record), motion)
@@ -305,12 +303,12 @@ def _with_tones(
     basis = change[:, 1:]
     left = left - change[:, 0]
     left = left - basis @ np.linalg.lstsq(basis, left, rcond=1e-10)[0]
-    apart = 0.15 * scales.omega
+    apart = 0.15 * own.omega
     steady, fading = np.hanning(len(rest)), np.hanning(len(rest) // 2)[len(rest) // 4 :]
     tones: list[float] = []
     for x, window in ((rest, steady), (rest, fading), (left, steady), (left, fading)):
         for tone in strongest_tones(record.t, x[: len(window)] * window, 2, apart):
-            beats = abs(tone / scales.omega - 1) < _BEATS
+            beats = abs(tone / own.omega - 1) < _BEATS
             if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
     lines = [
@@ -321,7 +319,7 @@ def _with_tones(
     ]
     shortest = min((r.t for r in records), key=lambda t: float(t[-1]))
     found = tuple(tuned(comb, rests) for comb in combs(lines, shortest))
-    return scales._replace(tones=tuple(tones), combs=found)
+    return own._replace(tones=tuple(tones), combs=found)
 
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:

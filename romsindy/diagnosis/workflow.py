@@ -378,7 +378,7 @@ def without_effects(
         return [slack.at(linear.noise), linear]
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
-    found = screen(search.model, parts, list(names.values()), search.records, known)
+    found = screen(search.model, parts, list(names.values()), search.records)
     singles = [s for s in found.singles() if np.isfinite(s.chi_squared)]
     # A quadratic force acts to second order in its strength, which the screening does not see.
     second = [s for s in singles[_TRIED:] if s.effect.term() == Stiffness(2)]

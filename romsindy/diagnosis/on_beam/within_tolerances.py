@@ -32,7 +32,7 @@ from romsindy.effects import Gain, Viscous
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
 from romsindy.fit.kernel.part import Part
-from romsindy.fit.records.record import Record, scales
+from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
@@ -165,7 +165,7 @@ def _information(
     model: ReducedModel, records: Sequence[Record], parameters: Sequence[ParameterEffect]
 ) -> Array:
     """J'J of the whitened readings by the parameters, initial states marginalised."""
-    system = screen(model, (), parameters, records, scales(records)).system
+    system = screen(model, (), parameters, records).system
     n = system.size - len(parameters)
     states, cross = system.matrix[:n, :n], system.matrix[:n, n:]
     left = system.matrix[n:, n:] - cross.T @ np.linalg.pinv(states, hermitian=True) @ cross
