@@ -10,10 +10,8 @@ identified, as `romsindy identify` does. The motion is integrated here in 60 ste
 fastest mode by the symplectic rule of Euler, which shares nothing with the package.
 """
 
-import argparse
-
 import numpy as np
-from joblib import Parallel, delayed
+from seeds import parser_of, tried
 
 import romsindy as rs
 
@@ -61,10 +59,7 @@ def trial(seed, masses):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--count", type=int, default=10, help="of each kind")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = parser_of(__doc__, 10, "of each kind")
     parser.add_argument("--file", help="a measured record in its place")
     given = parser.parse_args(arguments)
     if given.file:
@@ -74,8 +69,7 @@ def main(arguments=None):
         return told
     totals = []
     for masses, name in ((4, "several modes"), (1, "one mode")):
-        seeds = range(given.first, given.first + given.count)
-        found = Parallel(given.jobs)(delayed(trial)(seed, masses) for seed in seeds)
+        found = [*tried(given, trial, masses)]
         totals.append(sum(found))
         print(f"{name}: told in {totals[-1]} of {len(found)}", flush=True)
     return totals
