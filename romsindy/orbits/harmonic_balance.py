@@ -100,10 +100,10 @@ class HarmonicBalance:
         """Vector (m,) as an array (2 H + 1, R)."""
         return vector.reshape(-1, self.n_coordinates)
 
-    def motion(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
-        """q, q_dot and q_ddot at the samples, (n_samples, R)."""
-        b = self.basis
-        return b.values @ c, omega * (b.first @ c), omega**2 * (b.second @ c)
+    def motion(self, c: Array, omega: float | Array) -> tuple[Array, Array, Array]:
+        """q, q_dot and q_ddot at the samples, (..., n_samples, R), of series (..., 2 H + 1, R)."""
+        b, w = self.basis, np.asarray(omega)[..., None, None]
+        return b.values @ c, w * (b.first @ c), w**2 * (b.second @ c)
 
     def rate(self, c: Array) -> Array:
         """Vector (m,) of the derivative by the phase."""
@@ -118,31 +118,36 @@ class HarmonicBalance:
         """Coefficients of the left sides of the equations, (m,)."""
         return (self.basis.projection @ self.model.residual(*self.motion(c, omega))).ravel()
 
-    def linearise(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
-        """`residual`, its derivatives by c, (m, m), and by omega, (m,)."""
-        b = self.basis
+    def linearise(self, c: Array, omega: float | Array) -> tuple[Array, Array, Array]:
+        """`residual`, (..., m), its derivatives by c, (..., m, m), and by omega, (..., m).
+
+        Of series (..., 2 H + 1, R) at frequencies (...).
+        """
+        b, w = self.basis, np.asarray(omega)[..., None, None]
         q, q_dot, q_ddot = self.motion(c, omega)
         force, by_q, by_q_dot, by_q_ddot = self.model.residual_and_slopes(q, q_dot, q_ddot)
-        # (n_samples, R equations, 2 H + 1, R coordinates)
+        # (..., n_samples, R equations, 2 H + 1, R coordinates)
         values, first, second = (x[:, None, :, None] for x in (b.values, b.first, b.second))
         by_c = (
-            by_q[:, :, None] * values
-            + (omega * by_q_dot)[:, :, None] * first
-            + (omega**2 * by_q_ddot)[:, :, None] * second
+            by_q[..., None, :] * values
+            + (w[..., None] * by_q_dot)[..., None, :] * first
+            + (w[..., None] ** 2 * by_q_ddot)[..., None, :] * second
         )
-        changes = by_q_dot * q_dot[:, None] + 2 * by_q_ddot * q_ddot[:, None]
-        projected = b.projection @ by_c.reshape(len(q), -1)
+        changes = by_q_dot * q_dot[..., None, :] + 2 * by_q_ddot * q_ddot[..., None, :]
+        lead = c.shape[:-2]
+        projected = b.projection @ by_c.reshape(*lead, len(b.values), -1)
+        m = c.shape[-2] * c.shape[-1]
         return (
-            (b.projection @ force).ravel(),
-            projected.reshape(c.size, c.size),
-            (b.projection @ np.sum(changes, axis=2)).ravel() / omega,
+            (b.projection @ force).reshape(*lead, m),
+            projected.reshape(*lead, m, m),
+            (b.projection @ np.sum(changes, axis=-1) / w).reshape(*lead, m),
         )
 
-    def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float) -> Array:
-        """Derivatives of `residual` by coefficients of one coordinate, (m, n_terms)."""
-        q, q_dot, q_ddot = (x[:, 0] for x in self.motion(c, omega))
+    def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float | Array) -> Array:
+        """Derivatives of `residual` by coefficients of one coordinate, (..., m, n_terms)."""
+        q, q_dot, q_ddot = (x[..., 0] for x in self.motion(c, omega))
         forces = [np.broadcast_to(term.strong(q, q_dot, q_ddot), q.shape) for term in terms]
-        return self.basis.projection @ np.array(forces).reshape(-1, len(q)).T
+        return self.basis.projection @ np.stack(forces, axis=-1)
 
     def leftover(self, c: Array, omega: float) -> float:
         """Largest force that the harmonics beyond H leave in an equation, relative.

@@ -337,18 +337,16 @@ def _slopes(
     size = np.abs(coefficients[:, 1])
     width = float(np.ptp(response.frequency[size >= size.max() / 2]))  # where it is large, rad/s
     units = np.append(np.full(c.shape[1], size.max()), width)
-    by_w, by_a = np.empty((n, len(terms) + 1)), np.empty((n, len(terms) + 1))
-    for i, (orbit, omega) in enumerate(zip(c[..., None], response.frequency, strict=True)):
-        _, by_c, by_omega = balance.linearise(orbit, float(omega))
-        by_p = np.zeros((c.shape[1], len(terms) + 1))
-        by_p[:, :-1] = balance.by_coefficient(terms, orbit, float(omega))
-        by_p[1, -1] = -force
-        matrix = np.column_stack([by_c, by_omega]) * units
-        # The shortest way: at right angles to the curve.
-        change = -units[:, None] * np.linalg.lstsq(matrix, by_p, rcond=None)[0]
-        by_w[i] = change[-1]
-        by_a[i] = c[i, 1:3] @ change[1:3] / np.linalg.norm(c[i, 1:3])
-    return by_w, by_a
+    orbits, omega = c[..., None], response.frequency
+    _, by_c, by_omega = balance.linearise(orbits, omega)
+    by_p = np.zeros((*c.shape, len(terms) + 1))
+    by_p[..., :-1] = balance.by_coefficient(terms, orbits, omega)
+    by_p[:, 1, -1] = -force
+    matrix = np.concatenate([by_c, by_omega[..., None]], axis=2) * units
+    # The shortest way: at right angles to the curve.
+    change = -units[:, None] * (np.linalg.pinv(matrix) @ by_p)
+    by_a = np.einsum("nk,nkp->np", c[:, 1:3], change[:, 1:3])
+    return change[:, -1], by_a / np.linalg.norm(c[:, 1:3], axis=1)[:, None]
 
 
 def _refined(columns: Array) -> Array:

@@ -268,13 +268,9 @@ def _balance(
     """Forces without the excitation (n, m), and their derivatives by c and by coefficients."""
     balance = HarmonicBalance(model, c.shape[1] // 2)
     terms = {term.key: term for term in model.terms}
-    chosen = [terms[name] for name in free]
-    found = []
-    for orbit, omega in zip(c[..., None], points.frequency.tolist(), strict=True):
-        force, by_c, _ = balance.linearise(orbit, omega)
-        found.append((force, by_c, balance.by_coefficient(chosen, orbit, omega)))
-    force, by_c, by_p = (np.array(x) for x in zip(*found, strict=True))
-    return force, by_c, by_p
+    orbits, omega = c[..., None], points.frequency
+    force, by_c, _ = balance.linearise(orbits, omega)
+    return force, by_c, balance.by_coefficient([terms[name] for name in free], orbits, omega)
 
 
 def parts_of_force(points: SteadyPoints, chain: Chain, k: int) -> Array:
