@@ -334,7 +334,6 @@ def test_a_wrong_sense_of_phase_or_quantity(linear):
         ({"fixed": ("gamma_9",)}, r"fixed names \['gamma_9'\]"),
         ({"model": 3}, "model is int"),
         ({"model": None, "fixed": ("omega^2",)}, "needs a model"),
-        ({"model": rs.ReducedModel.from_coefficients({"c_coulomb": 1.0})}, "jumps"),
         (
             {
                 "model": rs.ReducedModel.from_coefficients({"omega^2": 1.0, "c_linear": 0.1}),

@@ -34,7 +34,6 @@ _WORDS = (
     (r"look at measured=", "look at --quantity"),
     (r"give -force", "turn it by 180 degrees"),
     (r"\bstd (was not given|must be)", r"spread \1"),
-    (r"give model\.regularised\(.*", "leave it out; in Python, model.regularised makes it smooth"),
 )
 
 _CONSTANT = (
@@ -56,7 +55,7 @@ def _slope(_: click.Context, __: click.Parameter, value: str) -> float | None:
 
 
 _HEADINGS = {
-    "The table": "--quantity --lag --force",
+    "The table": "--quantity --lag --sweep-rate --force",
     "What is looked for": "--term --fix --gain --slope --phase",
     "Output": "--full --report --interactive --json --model --save --overwrite",
 }
@@ -79,6 +78,12 @@ _HEADINGS = {
     metavar="LOW:HIGH",
     help="Fit only points whose force has an amplitude in this range, in N, or in the unit of the"
     " table where that is none of forces; romsindy predict foretells the others.  [default: all]",
+)
+@click.option(
+    "--sweep-rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ/S",
+    help="The rows are sweeps at this rate in the order of time, up or down as the frequency goes.",
 )
 @click.option(
     "--term",
@@ -112,6 +117,7 @@ def steady(
     quantity: Quantity | None,
     lag: bool,
     forces: tuple[float, float] | None,
+    sweep_rate: float | None,
     terms: tuple[str, ...],
     fix: Mapping[str, float],
     gain: float | None,
@@ -125,7 +131,8 @@ def steady(
     a row for each steady state and a header: frequency [Hz], force [N], and the response by its
     name and unit, displacement [mm]; where they were measured, force phase [deg], displacement
     phase [deg], displacement 2 [mm] and so on for its harmonics, and spread [mm], the standard
-    deviation of real and imaginary part.
+    deviation of real and imaginary part. With --sweep-rate the rows are sweeps, up and down, that
+    jump; sweep rate [Hz/s] may be a column, negative where the frequency falls.
     """
     telling = Telling.taken(options)
     turn = None if phase is None else float(np.radians(phase))
@@ -133,7 +140,7 @@ def steady(
     def job(file: Path | None, page: Path) -> Result:
         assert file is not None  # a file is required
         with of_file(file):
-            whole = SteadyTable.read(file, quantity, lag)
+            whole = SteadyTable.read(file, quantity, lag).swept(sweep_rate)
             table = whole if forces is None else whole.within(*forces)
             try:
                 fit = _fitted(table, terms, fix, {"gain": gain, "slope": slope, "phase": turn})
@@ -155,7 +162,7 @@ def _fitted(
     table: SteadyTable, terms: Sequence[str], fix: Mapping[str, float], chain: Mapping[str, Any]
 ) -> SteadyFit:
     measured = (table.frequency, table.force, table.response)
-    given = {**chain, "measured": table.quantity, "std": table.spread}
+    given = {**chain, "measured": table.quantity, "std": table.spread, "sweep_rate": table.rate}
     with bar(None, "fitting"):
         if not terms:
             fit = fit_steady(None, *measured, unit=table.unit, **given)
@@ -182,15 +189,18 @@ _UNDERSTOOD = (
     "a table of steady states has the columns frequency [Hz], force [N] and displacement [m], or"
     " velocity, acceleration or response; besides force phase [deg], displacement phase [deg],"
     " displacement 2 [m] and displacement 2 phase [deg] for the second harmonic, and so on, and"
-    " spread [m]"
+    " spread [m]; of sweeps, known by amplitude, sweep rate [Hz/s], negative where the frequency"
+    " falls"
 )
 _NAME = re.compile(  # a frequency has no phase, and of a force one harmonic is known
-    r"(?!(?:frequency|spread)\b.* phase|(?:frequency|spread|force) [1-9])"
-    rf"(?P<what>frequency|force|spread|response|{'|'.join(QUANTITIES)})(?P<number> [1-9]\d*)?"
-    r"(?: amplitude)?(?P<phase> phase)?"
+    r"(?!(?:frequency|spread|sweep)\b.* phase|(?:frequency|spread|sweep rate|force) [1-9])"
+    rf"(?P<what>frequency|force|spread|sweep rate|response|{'|'.join(QUANTITIES)})"
+    r"(?P<number> [1-9]\d*)?(?: amplitude)?(?P<phase> phase)?"
 )
 _ROUNDING = 1e-9  # of a force
+_COLUMNS = ("frequency", "force", "response", "spread", "rate")
 _TURNS = {"Hz": 2 * np.pi, "rad/s": 1.0}
+_RATES = {"Hz/s": 2 * np.pi, "rad/s^2": 1.0}
 _ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 Key = tuple[str, int, bool]  # what, number of the harmonic, whether its phase
 
@@ -207,6 +217,20 @@ class SteadyTable:
     quantity: Quantity  # "displacement", "velocity" or "acceleration"
     unit: str | None  # of q
     force_unit: str | None
+    rate: Array | float | None  # of sweeps, rad/s^2; of every row with its sign
+
+    def swept(self, hz: float | None) -> SteadyTable:
+        """The same as sweeps of one rate, Hz/s, if there is one.
+
+        Raises a ValueError if the table has rates of its own.
+        """
+        if hz is None:
+            return self
+        if self.rate is not None:
+            raise ValueError(
+                f"sweep_rate = {hz:g}, and there is a column 'sweep rate': leave out one of them"
+            )
+        return replace(self, rate=2 * np.pi * hz)
 
     @classmethod
     def read(cls, path: Path, quantity: Quantity | None = None, lag: bool = False) -> SteadyTable:
@@ -222,7 +246,7 @@ class SteadyTable:
         name: Quantity = quantity or _quantity(what, columns[what, 1, False])
         unit, factor = conversion(columns[what, 1, False], None, name)
         spread = columns.get(("spread", 1, False))
-        force = columns["force", 1, False]
+        force, rate = columns["force", 1, False], ("sweep rate", 1, False)
         amplitude = force_unit(force.unit or "")
         harmonics = [
             _complex(columns, what, n, -1 if lag else 1)
@@ -237,6 +261,7 @@ class SteadyTable:
             quantity=name,
             unit=unit,
             force_unit=amplitude[0] if amplitude else force.unit,
+            rate=_scaled(columns[rate], _RATES) if rate in columns else None,
         )
 
     def within(self, low: float, high: float) -> SteadyTable:
@@ -251,9 +276,8 @@ class SteadyTable:
                 f"no point has a force from {low:g} to {high:g} {self.force_unit or ''}, for those"
                 f" of the table are {size.min():.4g} to {size.max():.4g}: give another --force"
             )
-        spread = None if self.spread is None else self.spread[some]
-        parts = {name: getattr(self, name)[some] for name in ("frequency", "force", "response")}
-        return replace(self, **parts, spread=spread)
+        columns = {name: getattr(self, name) for name in _COLUMNS}
+        return replace(self, **{n: x[some] for n, x in columns.items() if x is not None})
 
     def picked(self, whole: SteadyTable, low: float, high: float) -> str:
         """What was used of a table, in a sentence."""
@@ -293,7 +317,7 @@ def _known(columns: list[Column]) -> Mapping[Key, Column]:
 
 def _response(columns: Mapping[Key, Column]) -> str:
     """The name under which the response stands."""
-    names = {what for what, _, _ in columns} - {"frequency", "force", "spread"}
+    names = {what for what, _, _ in columns} - {"frequency", "force", "spread", "sweep rate"}
     if len(names) > 1:
         raise ValueError(f"{' and '.join(sorted(names))} are two responses: leave out one")
     name = next(iter(names), "response")

@@ -5,9 +5,9 @@ Laws of one coordinate by places: "decay": beside functions of q, where one coor
 does not explain them. "driven": damping under a measured input, beside powers up to an order of the
 user's. "steady": in points of steady vibration, where near one resonance the first harmonic tells
 powers of the amplitude only, so that gamma_3 stands for inertia and the cube of the speed for the
-square of q times it. "series": in what stands for a simulated series, one by one; "rich": in what
-that is measured by. Of several coordinates what may couple them, from the plainest kind of
-structure on.
+square of q times it. "swept": in sweeps, of which amplitudes alone are known. "series": in what
+stands for a simulated series, one by one; "rich": in what that is measured by. Of several
+coordinates what may couple them, from the plainest kind of structure on.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from romsindy.typing import Array
 _TABLE: tuple[tuple[Term, str], ...] = (
     (Stiffness(2, odd=True), "jointed steady"),
     (Stiffness(2), "coupled series rich"),
-    (Stiffness(3), "coupled steady rich"),
+    (Stiffness(3), "coupled steady swept rich"),
     (Stiffness(4), "rich"),
-    (Stiffness(5), "steady series rich"),
+    (Stiffness(5), "steady swept series rich"),
     (AmplitudeDamping(1), "jointed driven"),
     (AmplitudeDamping(2), "coupled driven"),
-    (PowerDamping(2), "decay jointed driven steady series rich"),
-    (PowerDamping(3), "driven steady"),
-    (Friction(), "decay jointed driven series"),
+    (PowerDamping(2), "decay jointed driven steady swept series rich"),
+    (PowerDamping(3), "driven steady swept"),
+    (Friction(), "decay jointed driven series swept"),
     (Inertia(3), "series rich"),
     (Inertia(5), "rich"),
 )

@@ -82,7 +82,8 @@ def uniform_basis(n_harmonics: int) -> FourierBasis:
 class HarmonicBalance:
     """Fourier coefficients of a model's residual along periodic motions up to harmonic H.
 
-    The model's forces must not jump.
+    A friction force that jumps, of one coordinate, is averaged over the time from half a sample
+    before to half a sample after.
     """
 
     def __init__(self, model: Equations, n_harmonics: int) -> None:
@@ -90,6 +91,8 @@ class HarmonicBalance:
         self.model = model
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)
+        jumping = [pair for pair in model.pairs if not pair[0].smooth]
+        self._jumping = jumping if model.n_coordinates == 1 else []
 
     @property
     def n_coordinates(self) -> int:
@@ -116,7 +119,21 @@ class HarmonicBalance:
 
     def residual(self, c: Array, omega: float) -> Array:
         """Coefficients of the left sides of the equations, (m,)."""
-        return (self.basis.projection @ self.model.residual(*self.motion(c, omega))).ravel()
+        return (self.basis.projection @ self._sampled(c, omega)[0]).ravel()
+
+    def _sampled(self, c: Array, omega: float | Array) -> tuple[Array, Array, Array, Array]:
+        """`Equations.residual_and_slopes` at the samples."""
+        q, q_dot, q_ddot = motion = self.motion(c, omega)
+        force, by_q, by_q_dot, by_q_ddot = self.model.residual_and_slopes(*motion)
+        for law, value in self._jumping:
+            cell = law.averaged(q, q_dot, 0.0, self._half(q_ddot, omega))  # type: ignore[attr-defined]
+            force = force + value * (cell.force - law.damping(q, q_dot))
+            by_q_dot = by_q_dot + value * cell.by_q_dot[..., None]
+        return force, by_q, by_q_dot, by_q_ddot
+
+    def _half(self, rate: Array, omega: float | Array) -> Array:
+        """By how much what changes at a rate (..., n_samples, R) does so in half a sample."""
+        return np.abs(rate) * np.pi / len(self.basis.values) / np.asarray(omega)[..., None, None]
 
     def linearise(self, c: Array, omega: float | Array) -> tuple[Array, Array, Array]:
         """`residual`, (..., m), its derivatives by c, (..., m, m), and by omega, (..., m).
@@ -124,8 +141,8 @@ class HarmonicBalance:
         Of series (..., 2 H + 1, R) at frequencies (...).
         """
         b, w = self.basis, np.asarray(omega)[..., None, None]
-        q, q_dot, q_ddot = self.motion(c, omega)
-        force, by_q, by_q_dot, by_q_ddot = self.model.residual_and_slopes(q, q_dot, q_ddot)
+        _, q_dot, q_ddot = self.motion(c, omega)
+        force, by_q, by_q_dot, by_q_ddot = self._sampled(c, omega)
         # (..., n_samples, R equations, 2 H + 1, R coordinates)
         values, first, second = (x[:, None, :, None] for x in (b.values, b.first, b.second))
         by_c = (
@@ -143,10 +160,32 @@ class HarmonicBalance:
             (b.projection @ np.sum(changes, axis=-1) / w).reshape(*lead, m),
         )
 
+    def by_rate(self, c: Array, omega: float | Array) -> Array:
+        """Derivatives of `residual` by the rate at which c changes, slowly, (..., m, m).
+
+        q_dot changes as c does, and q_ddot by twice that of the derivative by time.
+        """
+        b, w = self.basis, np.asarray(omega)[..., None, None, None]
+        _, _, by_q_dot, by_q_ddot = self._sampled(c, omega)
+        values, first = (x[:, None, :, None] for x in (b.values, b.first))
+        by_c = by_q_dot[..., None, :] * values + (2 * w * by_q_ddot)[..., None, :] * first
+        lead, m = c.shape[:-2], c.shape[-2] * c.shape[-1]
+        return (b.projection @ by_c.reshape(*lead, len(b.values), -1)).reshape(*lead, m, m)
+
     def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float | Array) -> Array:
         """Derivatives of `residual` by coefficients of one coordinate, (..., m, n_terms)."""
-        q, q_dot, q_ddot = (x[..., 0] for x in self.motion(c, omega))
-        forces = [np.broadcast_to(term.strong(q, q_dot, q_ddot), q.shape) for term in terms]
+        motion = self.motion(c, omega)
+        q, q_dot, q_ddot = (x[..., 0] for x in motion)
+        half = self._half(motion[2], omega)[..., 0]
+        forces = [
+            np.broadcast_to(
+                term.strong(q, q_dot, q_ddot)
+                if term.smooth
+                else term.averaged(q, q_dot, 0.0, half).force,  # type: ignore[attr-defined]
+                q.shape,
+            )
+            for term in terms
+        ]
         return self.basis.projection @ np.stack(forces, axis=-1)
 
     def leftover(self, c: Array, omega: float) -> float:

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
 from romsindy.fit.kernel.part import LINEAR
-from romsindy.fit.process_noise import DRAWS, GROWS, TAILS, grown, normal_draws
+from romsindy.fit.process_noise import DRAWS, GROWS, SIGMAS, TAILS, grown, normal_draws
 from romsindy.notebook import Framed
 from romsindy.orbits.curves import (
     Fold,
@@ -32,6 +32,7 @@ from romsindy.orbits.curves import (
     rows_at,
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
+from romsindy.orbits.sweeps import LATE, jumps
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.signals import vertex
@@ -85,6 +86,7 @@ class ForcedBand(Framed):
     notes: tuple[str, ...]
     goes_on: bool
     rate: int
+    _model: ReducedModel  # whose response it is
     # (4, n): frequencies, amplitudes, those of q itself, and phases along the response
     _curve: Array
     _drawn: Array  # (2, n_draws, n): the same, displaced
@@ -210,6 +212,41 @@ class ForcedBand(Framed):
             folds.append(fold._replace(low=min(low, on), high=max(high, on)))
         return tuple(folds)
 
+    def jumps(self, sweep_rate: float) -> tuple[Fold, ...]:
+        """Where a sweep at a steady rate jumps, in the order along the curve, each with its band.
+
+        It is late: past the fold the motion lingers where the orbit was. The jump is where the
+        amplitude changes fastest.
+
+        Parameters
+        ----------
+        sweep_rate : float
+            Of the angular frequency, rad/s^2; negative where it falls.
+
+        Raises
+        ------
+        ValueError
+            If the rate is 0 or not finite.
+        """
+        if not (np.isfinite(sweep_rate) and sweep_rate):
+            raise ValueError(
+                f"sweep_rate = {sweep_rate!r} must be finite and not 0: give it in rad/s^2,"
+                " negative where the frequency falls; a very slow sweep jumps at `folds`"
+            )
+        found, known = [], dict(zip(self.response.folds.tolist(), self.folds, strict=True))
+        for k, delay in jumps(self._model, self.response, sweep_rate):
+            on, low, high = known[k]
+            late = SIGMAS * LATE * delay
+            found.append(
+                Fold(
+                    on + delay,
+                    sweep_rate > 0,
+                    on + delay - float(np.hypot(on - low, late)),
+                    on + delay + float(np.hypot(high - on, late)),
+                )
+            )
+        return tuple(found)
+
     def _asked(self, omega: Array) -> NDArray[np.bool_]:
         """Which frequencies are in the range that was asked for."""
         return (omega >= self.frequency[0]) & (omega <= self.frequency[-1])
@@ -311,6 +348,7 @@ def forced_band(
         (*filter(None, (leaves, grows, response.untraced)), *notes),
         goes_on,
         rate,
+        smooth,
         np.array([on, first * on**rate, size_of_q, phase + lead + rate * np.pi / 2]),
         np.array([w, a * w**rate]),
         noise * rng.standard_normal(DRAWS),

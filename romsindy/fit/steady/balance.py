@@ -40,6 +40,8 @@ class SteadyPoints:
     std: Array
     phased: bool  # whether phases are known
     measured: Quantity
+    # (n,), standard deviation of the frequency of a fold, rad/s; 0 where a point is no fold
+    frequency_std: Array
 
     @classmethod
     def of(
@@ -92,14 +94,22 @@ class SteadyPoints:
         factor = (1j * omega[:, None] * np.arange(1, x.shape[1] + 1)) ** RATES[measured]
         if not phased:
             factor, f = np.abs(factor), np.abs(f)
-        return cls(omega, f + 0j, x / factor, sigma / np.abs(factor), phased, measured)
+        return cls(
+            omega,
+            f + 0j,
+            x / factor,
+            sigma / np.abs(factor),
+            phased,
+            measured,
+            np.zeros(len(omega)),
+        )
 
     def __len__(self) -> int:
         return len(self.frequency)
 
     def some(self, which: NDArray[np.bool_] | Indices) -> SteadyPoints:
         """Some of the points."""
-        names = ("frequency", "force", "q", "std")
+        names = ("frequency", "force", "q", "std", "frequency_std")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     @property
@@ -116,9 +126,12 @@ class SteadyPoints:
     def level(self) -> Indices:
         """Number of the level of the force, or of the response that is held, (n,), from 0.
 
-        All 0 where neither has levels.
+        All 0 where neither has levels. One level of the force holds no response.
         """
-        for size, same in ((np.abs(self.force), _SAME_LEVEL), (np.abs(self.q[:, 0]), _SAME_HELD)):
+        force = np.abs(self.force)
+        if np.ptp(force) <= _SAME_LEVEL * force.max():
+            return np.zeros(len(self), int)
+        for size, same in ((force, _SAME_LEVEL), (np.abs(self.q[:, 0]), _SAME_HELD)):
             order = np.argsort(size)
             jumps = np.diff(size[order]) > same * size.max()
             level = np.zeros(len(size), int)
@@ -235,11 +248,11 @@ def linearised(
     points: SteadyPoints, model: ReducedModel, free: tuple[str, ...], chain: Chain, c: Array
 ) -> Rows:
     """Balance about orbits with Fourier coefficients c, (n, 2 H + 1), by all parameters."""
-    force, by_c, by_p = _balance(points, model, free, c)
+    force, by_c, by_p, by_omega = _balance(points, model, free, c)
     own = known(points)
     equations, other = _first(points), others_of(points, c)
     # The other harmonics follow from their own equations: Schur's complement.
-    right = np.concatenate([force[..., None], by_c[:, :, own], by_p], axis=2)
+    right = np.concatenate([force[..., None], by_c[:, :, own], by_p, by_omega[..., None]], axis=2)
     others = np.linalg.solve(by_c[:, other[:, None], other], right[:, other])
     reduced = right[:, equations] - by_c[:, equations, other] @ others
     if not points.phased:
@@ -250,27 +263,31 @@ def linearised(
     k = own.stop - own.start
     q, std = measured(points)
     given, by_chain = _given(points, chain, k)
-    by_q = reduced[..., 1 : k + 1]
+    by_q, by_omega = reduced[..., 1 : k + 1], reduced[..., -1]
+    fold = points.frequency_std > 0
+    by_q = np.where(fold[:, None, None], 0.0, by_q)  # as at a fold, but for the noise of c
+    wide = by_omega * points.frequency_std[:, None]
     off = (by_q @ (q - c[:, own])[..., None])[..., 0]
     return Rows(
         misfit=reduced[..., 0] - given + off,
-        by_parameter=np.concatenate([reduced[..., k + 1 :], -by_chain], axis=2),
+        by_parameter=np.concatenate([reduced[..., k + 1 : -1], -by_chain], axis=2),
         by_q=by_q,
-        noise=(by_q * std[:, None] ** 2) @ by_q.swapaxes(1, 2),
+        noise=(by_q * std[:, None] ** 2) @ by_q.swapaxes(1, 2) + wide[..., None] * wide[:, None],
         size=np.abs(chain.force(points.force)),
-        others=others,
+        others=others[..., :-1],
     )
 
 
 def _balance(
     points: SteadyPoints, model: ReducedModel, free: tuple[str, ...], c: Array
-) -> tuple[Array, Array, Array]:
-    """Forces without the excitation (n, m), and their derivatives by c and by coefficients."""
+) -> tuple[Array, Array, Array, Array]:
+    """Forces without the excitation (n, m), and derivatives by c, coefficients and frequency."""
     balance = HarmonicBalance(model, c.shape[1] // 2)
     terms = {term.key: term for term in model.terms}
     orbits, omega = c[..., None], points.frequency
-    force, by_c, _ = balance.linearise(orbits, omega)
-    return force, by_c, balance.by_coefficient([terms[name] for name in free], orbits, omega)
+    force, by_c, by_omega = balance.linearise(orbits, omega)
+    by_p = balance.by_coefficient([terms[name] for name in free], orbits, omega)
+    return force, by_c, by_p, by_omega
 
 
 def parts_of_force(points: SteadyPoints, chain: Chain, k: int) -> Array:

@@ -21,7 +21,7 @@ points, the covariance is that of least squares with errors so correlated.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -47,9 +47,11 @@ from romsindy.fit.steady.balance import (
 )
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
+from romsindy.fit.steady.sweeps import Sweeps, smoothed
 from romsindy.orbits.curves import checked_force
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
 from romsindy.physics.term_sum import json_text, read_json
 from romsindy.physics.validation import made, table
 from romsindy.physics.validation import text as entry
@@ -63,6 +65,8 @@ _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 _ALWAYS, _LINEAR = LINEAR
 _LAWS = tuple(sorted((_LINEAR, *sought("steady")), key=lambda law: law.has("damping")))
+# Rounds in which lags and delays of sweeps settle, and the first, in which terms are chosen.
+_SWEPT, _CHOOSING = 5, 2
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5
 _ALIKE = 1.001  # of an end of a range: beyond, it is left
@@ -304,6 +308,7 @@ def fit_steady(
     phase: float | None = None,
     fixed: Collection[str] = (),
     unit: str | None = None,
+    sweep_rate: ArrayLike | None = None,
 ) -> SteadyFit:
     """Fit the coefficients of a model to measured steady states.
 
@@ -336,13 +341,18 @@ def fit_steady(
         Coefficients of the model that keep their value.
     unit : str, optional
         Unit of q, where the model is chosen.
+    sweep_rate : float or (n,) array, optional
+        The points are sweeps at this rate of the angular frequency, rad/s^2, in the order of time,
+        one after the other; amplitudes are real. With a rate for every point, negative where the
+        frequency falls, they may be in any order. Rows before and after a jump are known by it
+        (`romsindy.fit.steady.sweeps`); without ``std`` the noise is that of neighbours.
 
     Raises
     ------
     ValueError
-        If an argument has another length, is not finite or not positive where it must be; if forces
-        jump, as dry friction; if the points do not tell gain or coefficients; if the response leads
-        the force, so that all damping would be negative.
+        If an argument has another length, is not finite or not positive where it must be; if the
+        points do not tell gain or coefficients; if the response leads the force, so that all
+        damping would be negative; if the order of points says no direction of a sweep.
 
     Examples
     --------
@@ -364,31 +374,34 @@ def fit_steady(
             raise ValueError(
                 "force has one amplitude, which tells no slope of the gain: give slope=0"
             )
-    chosen, some_slope = model is None, slope is None
-    if model is None:
-        if fixed:
-            raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
-        model, slope = _choose(points, std is not None, unit, gain, slope, phase)
-    free = _free(model, fixed)
+    if model is None and fixed:
+        raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
+    sweeps = None if sweep_rate is None else Sweeps.of(points, sweep_rate)
     if gain is None:
         _require_lags(points)
-    solution = solve(points, model, free, gain, slope, phase)
-    if std is None:
-        points = with_spread(points, solution)
-        solution = solve(points, solution.model, free, gain, slope, phase)
+    search = _TermSearch(model, fixed, gain, slope, phase, unit, std is not None)
+    said: list[str] = []
+    if sweeps is None:
+        points, solution = search.found(points)
+    else:
+        search = replace(search, given=True, always=LINEAR, laws=sought("swept"))
+        points, solution, said = _swept(search, sweeps)
     together = correlation(points, solution)
     joint = _covariance(points, solution, together)
     _require_gain(solution, joint)
     _require_sense(points, solution)
     peak = float(points.amplitude.max())
-    n, verdict = len(free), verdict_of(points, solution, std is not None)
-    notes = notes_on(points, solution, together, std is not None)
-    if chosen:
-        every = _every_choice(points, solution, some_slope, joint)
-        joint, doubts = counting_choice(solution.free, joint, every)
+    free = tuple(name for name in solution.free if name not in CHAIN)
+    n, verdict = len(free), verdict_of(points, solution, search.given)
+    notes = said + notes_on(points, solution, together, search.given)
+    if model is None:
+        joint, doubts = counting_choice(solution.free, joint, search.every(points, solution, joint))
         notes += doubts
     return SteadyFit(
-        model=replace(solution.model, amplitude_range=(float(points.amplitude.min()), peak)),
+        model=replace(
+            smoothed(solution.model, points),
+            amplitude_range=(float(points.amplitude.min()), peak),
+        ),
         free=free,
         covariance=joint[:n, :n],
         verdict=verdict,
@@ -400,6 +413,22 @@ def fit_steady(
     )
 
 
+def _swept(search: _TermSearch, sweeps: Sweeps) -> tuple[SteadyPoints, SteadySolution, list[str]]:
+    """Points of sweeps, what fits them, and notes: lags and delays follow from what was found."""
+    points = sweeps.started()
+    model = search.model
+    if model is None:
+        bent = {"omega^2": float(np.median(points.frequency) ** 2), "gamma_3": 0.0, "c_linear": 0.0}
+        model = ReducedModel.from_coefficients(bent, search.unit)
+    _, solution = replace(search, model=model).found(points)
+    for i in range(_SWEPT):
+        points, notes = sweeps.steady(solution, i > 0)
+        if i >= _CHOOSING:
+            search = replace(search, model=solution.model)
+        solution = search.stepwise(points, solution)
+    return points, solution, notes
+
+
 def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     if not isinstance(model, Equations) or model.numbered:
         raise ValueError(
@@ -407,12 +436,6 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
         )
     free = not_fixed(model, fixed)
     model.refuse_memory("a balance of harmonics")
-    jumps = [term.key for term in model.terms if not term.smooth]
-    if jumps:
-        raise ValueError(
-            f"the force of {jumps[0]} jumps: give model.regularised(velocity_scale), which is"
-            " smooth below a small velocity"
-        )
     return free
 
 
@@ -505,71 +528,131 @@ def _by_gain(points: SteadyPoints, solution: SteadySolution) -> Array:
 # -- the choice of terms ---------------------------------------------------------------------------
 
 
-def _choose(
-    points: SteadyPoints,
-    given: bool,
-    unit: str | None,
-    gain: float | None,
-    slope: float | None,
-    phase: float | None,
-) -> tuple[ReducedModel, float | None]:
-    """Terms to fit, and the slope of the chain: None where it is to be fitted.
+@dataclass(frozen=True)
+class _TermSearch:
+    """What is fitted to points: a model, or, without one, terms that are chosen of the laws."""
 
-    Every level of force is left out in turn; where there are fewer than three, every fifth of the
-    points by amplitude. Where the noise of the response is not ``given``, points count by that
-    which a choice leaves: as a force it would hide a damping that few points at resonance tell.
-    """
-    chosen, as_given = {_LINEAR.key}, points
-    for _ in range(_ROUNDS):
-        terms = [_ALWAYS, *(law for law in _LAWS if law.key in chosen)]
+    model: ReducedModel | None
+    fixed: Collection[str]
+    gain: float | None
+    slope: float | None
+    phase: float | None
+    unit: str | None
+    given: bool  # whether the noise of the response is known
+    always: tuple[Term, ...] = (_ALWAYS,)
+    laws: tuple[Term, ...] = _LAWS
+
+    def found(self, points: SteadyPoints) -> tuple[SteadyPoints, SteadySolution]:
+        """Points, with their noise, and what fits them.
+
+        Every level of force is left out in turn; where there are fewer than three, every fifth of
+        the points by amplitude. Where the noise of the response is not given, points count by that
+        which a choice leaves: as a force it would hide a damping that few points at resonance tell.
+        """
+        if self.model is not None:
+            return self._fitted(points, self.model, self.slope)
+        chosen, as_given = {_LINEAR.key}, points
+        for _ in range(_ROUNDS):
+            model, slope = self._of(chosen, points)
+            points, found = self._fitted(as_given, model, slope)
+            every = self.every(points, found)
+            best = {every.name(g) for g in every.trials.chosen(every.present)}
+            if best == chosen:
+                break
+            chosen = best
+        return points, found
+
+    def stepwise(self, points: SteadyPoints, before: SteadySolution) -> SteadySolution:
+        """Terms are added, left out or exchanged, one by one, by fits and what they leave.
+
+        Near the folds of sweeps a fit is not linear in what it lacks.
+        """
+        if self.model is not None:
+            return self._fitted(points, self.model, self.slope, before)[1]
+        kind = {law.key: law.has("damping") for law in self.laws}
+        held = frozenset({*before.free} & {*kind})
+        tried: dict[frozenset[str], SteadySolution] = {}
+
+        def better(several: Iterable[frozenset[str]]) -> frozenset[str]:
+            for names in several:
+                if names not in tried:
+                    tried[names] = self._fitted(points, *self._of(names, points), before)[1]
+            return min(tried, key=lambda names: self._cost(tried[names]))
+
+        better([held])
+        while True:
+            others = {*kind} - held
+            more, fewer = ([held ^ {name} for name in some] for some in (others, held))
+            swaps = [held - {a} | {b} for a in held for b in others if kind[a] == kind[b]]
+            found = next((x for x in map(better, (more, fewer, swaps)) if x != held), held)
+            if found == held:
+                return tried[held]
+            held, before = found, tried[found]
+
+    @staticmethod
+    def _cost(found: SteadySolution) -> float:
+        wrong = any(value <= law.least for law, value in found.model.pairs)
+        return np.inf if wrong else found.unlikely
+
+    def _of(
+        self, names: Collection[str], points: SteadyPoints
+    ) -> tuple[ReducedModel, float | None]:
+        """A model of these terms to begin with, and the slope of the chain."""
+        terms = [*self.always, *(law for law in self.laws if law.key in names)]
         start = (float(np.median(points.frequency) ** 2), *np.zeros(len(terms) - 1))
-        model = ReducedModel(tuple(terms), start, unit)
-        now = 0.0 if slope is None and "slope" not in chosen else slope
-        found = solve(as_given, model, tuple(model.coefficients), gain, now, phase)
-        if not given:
-            points = with_spread(as_given, found)
-            found = solve(points, model, tuple(model.coefficients), gain, now, phase)
-        every = _every_choice(points, found, slope is None)
-        best = {every.name(g) for g in every.trials.chosen(every.present)}
-        if best == chosen:
-            break
-        chosen = best
-    return model, now
+        slope = 0.0 if self.slope is None and "slope" not in names else self.slope
+        return ReducedModel(tuple(terms), start, self.unit), slope
 
+    def _fitted(
+        self,
+        points: SteadyPoints,
+        model: ReducedModel,
+        slope: float | None,
+        before: SteadySolution | None = None,
+    ) -> tuple[SteadyPoints, SteadySolution]:
+        free = _free(model, self.fixed)
+        found = solve(points, model, free, self.gain, slope, self.phase, before)
+        if not self.given:
+            points = with_spread(points, found)
+            found = solve(points, found.model, free, self.gain, slope, self.phase, before)
+        return points, found
 
-def _every_choice(
-    points: SteadyPoints, found: SteadySolution, with_slope: bool, covariance: Array | None = None
-) -> Linearised:
-    """All candidates, with the slope of the chain or without, about the orbits of a solution.
+    def every(
+        self, points: SteadyPoints, found: SteadySolution, covariance: Array | None = None
+    ) -> Linearised:
+        """All candidates, with the slope of the chain or without, about the orbits of a solution.
 
-    Parts of the points are left out in turn. With the ``covariance`` of what was fitted all are one
-    part, and misfits count as much as makes the errors by them those of that, in the mean [1].
+        Parts of the points are left out in turn. With the ``covariance`` of what was fitted all are
+        one part, and misfits count as much as makes the errors by them those of that, in the mean
+        [1].
 
-    [1] F. Pauli, W. Racugno, L. Ventura, Statistica Sinica 21 (2011) 149: the magnitude adjustment.
-    """
-    laws = (_ALWAYS, *_LAWS)
-    values = dict.fromkeys((law.key for law in laws), 0.0) | found.model.coefficients
-    rich = ReducedModel(laws, tuple(values.values()))
-    chain = [n for n in CHAIN if n in found.free or (n == "slope" and with_slope)]
-    names, known = (*values, *chain), values | vars(found.chain)
-    rows = linearised(points, rich, tuple(values), found.chain, found.c)
-    a, b = rows.whitened(found.floor)
-    table = np.column_stack([a[:, [(*values, *CHAIN).index(n) for n in names]], -b])
-    for off in _by_gain(points, found).T:  # which no term is to make up for
-        size = max(float(np.linalg.norm(off)), 1e-9)
-        table -= np.outer(off, off @ table) * (1 - 1 / np.hypot(1.0, size)) / size**2
-    part, counted = _parts(points), 1.0
-    if covariance is not None:
-        part = np.zeros_like(part)
-        counted = len(covariance) / np.trace(np.linalg.solve(found.covariance, covariance))
-    part = np.repeat(part, rows.misfit.shape[1])
-    at = np.array([known[n] for n in names])
-    grams = [Gram.of(np.sqrt(counted) * table[part == i], at) for i in np.unique(part)]
-    groups = [i for i, n in enumerate(names) if n not in (_ALWAYS.key, "gain", "phase")]
-    always = [i for i in range(len(names)) if i not in groups]
-    trials = Trials.of(grams, always, [[i] for i in groups], dict(enumerate(_LAWS)), {})
-    present = [g for g, i in enumerate(groups) if names[i] in found.free]
-    return Linearised(trials, (), laws, present, tuple(chain))
+        [1] F. Pauli, W. Racugno, L. Ventura, Statistica Sinica 21 (2011) 149: the magnitude
+            adjustment.
+        """
+        laws = (*self.always, *self.laws)
+        values = dict.fromkeys((law.key for law in laws), 0.0) | found.model.coefficients
+        rich = ReducedModel(laws, tuple(values.values()))
+        chain = [n for n in CHAIN if n in found.free or (n == "slope" and self.slope is None)]
+        names, known = (*values, *chain), values | vars(found.chain)
+        rows = linearised(points, rich, tuple(values), found.chain, found.c)
+        a, b = rows.whitened(found.floor)
+        table = np.column_stack([a[:, [(*values, *CHAIN).index(n) for n in names]], -b])
+        for off in _by_gain(points, found).T:  # which no term is to make up for
+            size = max(float(np.linalg.norm(off)), 1e-9)
+            table -= np.outer(off, off @ table) * (1 - 1 / np.hypot(1.0, size)) / size**2
+        part, counted = _parts(points), 1.0
+        if covariance is not None:
+            part = np.zeros_like(part)
+            counted = len(covariance) / np.trace(np.linalg.solve(found.covariance, covariance))
+        part = np.repeat(part, rows.misfit.shape[1])
+        at = np.array([known[n] for n in names])
+        grams = [Gram.of(np.sqrt(counted) * table[part == i], at) for i in np.unique(part)]
+        kept = [law.key for law in self.always]
+        groups = [i for i, n in enumerate(names) if n not in (*kept, "gain", "phase")]
+        always = [i for i in range(len(names)) if i not in groups]
+        trials = Trials.of(grams, always, [[i] for i in groups], dict(enumerate(self.laws)), {})
+        present = [g for g, i in enumerate(groups) if names[i] in found.free]
+        return Linearised(trials, (), laws, present, tuple(chain))
 
 
 def _parts(points: SteadyPoints) -> Indices:

@@ -23,15 +23,19 @@ from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
-_ITERATIONS = 60
-_SETTLED = 1e-9  # largest change of a parameter, relative to it and to its error
+_ITERATIONS = 40
+_WHOLE = 8  # of them with whole steps of the orbits: next to a fold one may go to and fro
+# Largest change of a parameter, relative to it and to its error.
+_SETTLED, _SURELY = 1e-9, 1e-4
 # Numbers of harmonics, and the force left over at which the next one is tried.
 _HARMONICS = (3, 5, 9, 15)
 _RESOLVED = 1e-6
+_ENOUGH = 0.2  # change by the last ones, of the errors, at which no more are needed
 # Part of the force that is never explained: what is left of the equations by rounding.
 _ROUNDING = 1e-9
 # Correlation of neighbours that is chance in this many standard errors of it.
 _CHANCE = 2.0
+_NEEDED = 3.0
 _CONDITION = 1e8  # of the columns, each of unit length: beyond, two of them are one
 
 
@@ -63,6 +67,17 @@ class SteadySolution:
     def over_noise(self) -> Array:
         """Misfit, (n, k), over what the noise of the response makes of it."""
         return self.rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
+
+    @property
+    def unlikely(self) -> float:
+        """Minus twice the log-likelihood, and what its parameters must gain.
+
+        That is so many times what the Bayesian information criterion asks for: not all that is left
+        of a lag is noise.
+        """
+        spread = np.linalg.slogdet(self.rows.covariance(self.floor))[1].sum()
+        needed = _NEEDED * len(self.free) * np.log(self.white.size)
+        return float(spread + np.sum(self.white**2) + needed)
 
     @property
     def hidden(self) -> float:
@@ -105,8 +120,9 @@ def solve(
     gain: float | None = None,
     slope: float | None = 0.0,
     phase: float | None = None,
+    like: SteadySolution | None = None,
 ) -> SteadySolution:
-    """Fit the free coefficients, and what is not given of the `CHAIN`.
+    """Fit the free coefficients, and what is not given of the `CHAIN`; from a solution ``like`` it.
 
     Raises a ValueError if points do not determine the parameters, or no balance is found near them.
     """
@@ -120,7 +136,13 @@ def solve(
             f"frequency has {len(points)} values, too few for {len(names)} unknowns"
             f" {list(names)}: measure more points, or name coefficients in fixed"
         )
-    model, chain = start(points, model, free, gain, phase)
+    if like is None:
+        model, chain = start(points, model, free, gain, phase)
+    else:
+        values = like.model.coefficients
+        near = {name: values.get(name, 0.0) for name in free}
+        model = replace(model, values=tuple((model.coefficients | near).values()))
+        chain = like.chain
     chain = replace(chain, slope=slope or 0.0)
     c = np.zeros((len(points), 1 + 2 * max(_HARMONICS[0], points.q.shape[1])))
     c[:, known(points)] = measured(points)[0]
@@ -133,7 +155,10 @@ def solve(
                 f"no balance is found near the measured points ({error}): give a model with fewer"
                 " terms, or leave out points that are no steady states"
             ) from error
-        model, chain, c = found.model, found.chain, found.c
+        before, model, chain, c = _values(model, chain), found.model, found.chain, found.c
+        moved = np.array([_values(model, chain)[name] - before[name] for name in names])
+        if np.all(np.abs(moved) < _ENOUGH * np.sqrt(np.diag(found.covariance))):
+            break
         largest = int(np.argmax(points.amplitude))
         balance = HarmonicBalance(model, c.shape[1] // 2)
         if balance.leftover(c[largest][:, None], points.frequency[largest]) < _RESOLVED:
@@ -172,16 +197,18 @@ def _settle(
     columns = [every.index(name) for name in names]
     converged = False
     unexplained = 1.0
-    for _ in range(_ITERATIONS):
+    for i in range(_ITERATIONS):
         rows = linearised(points, model, free, chain, c)
         rows = replace(rows, by_parameter=rows.by_parameter[..., columns])
         if converged:
             break
         unexplained, step, errors = _step(rows)
-        c = _orbits(points, rows, c, max(unexplained, _ROUNDING), step)
+        step = step if i < _WHOLE else step / 2
+        moved = _orbits(points, rows, c, max(unexplained, _ROUNDING), step)
+        c = moved if i < _WHOLE else (c + moved) / 2
         model, chain = _moved(model, chain, dict(zip(names, step.tolist(), strict=True)))
         at = np.array([_values(model, chain)[name] for name in names])
-        small = np.abs(step) <= _SETTLED * (np.abs(at) + errors)
+        small = np.abs(step) <= _SETTLED * np.abs(at) + _SURELY * errors
         converged = bool(np.all(small))
     return SteadySolution(model, chain, names, unexplained, rows, c, converged)
 
