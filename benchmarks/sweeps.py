@@ -190,6 +190,8 @@ def main(arguments=None):
         ("beyond", [t for t in trials if t.level > 1]),
         ("of all", trials),
     ):
+        if not some:
+            continue
         close, late = (
             sum(max(map(abs, x)) < 100 * CLOSE for x in several)
             for several in ([t.off for t in some], [t.at_fold for t in some])

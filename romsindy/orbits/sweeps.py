@@ -30,7 +30,7 @@ _HARMONICS = 3  # by which a delay is computed; a fold has all
 _BEFORE, _AFTER = 6.0, 6.0  # delays by Airy's zero, of what is integrated
 _SAMPLES = 2000
 _PRECISION = 1e-4
-LATE = 0.1  # standard deviation of a delay, as a part of it: noise ends it early
+LATE = 0.05  # standard deviation of a delay, as a part of it: noise ends it early
 
 
 class LateJump(NamedTuple):

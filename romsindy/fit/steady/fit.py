@@ -379,7 +379,7 @@ def fit_steady(
     sweeps = None if sweep_rate is None else Sweeps.of(points, sweep_rate)
     if gain is None:
         _require_lags(points)
-    search = _TermSearch(model, fixed, gain, slope, phase, unit, std is not None)
+    search = _SteadySearch(model, fixed, gain, slope, phase, unit, std is not None)
     said: list[str] = []
     if sweeps is None:
         points, solution = search.found(points)
@@ -413,7 +413,7 @@ def fit_steady(
     )
 
 
-def _swept(search: _TermSearch, sweeps: Sweeps) -> tuple[SteadyPoints, SteadySolution, list[str]]:
+def _swept(search: _SteadySearch, sweeps: Sweeps) -> tuple[SteadyPoints, SteadySolution, list[str]]:
     """Points of sweeps, what fits them, and notes: lags and delays follow from what was found."""
     points = sweeps.started()
     model = search.model
@@ -529,7 +529,7 @@ def _by_gain(points: SteadyPoints, solution: SteadySolution) -> Array:
 
 
 @dataclass(frozen=True)
-class _TermSearch:
+class _SteadySearch:
     """What is fitted to points: a model, or, without one, terms that are chosen of the laws."""
 
     model: ReducedModel | None

@@ -197,8 +197,8 @@ def _with_jump(points: SteadyPoints, sweep: SweptRows) -> SweptRows:
     if at < 2 * _ROWS or abs(change[at]) < _STEEPER * np.abs(change[: at - _ROWS]).max():
         return sweep
     last = at + int(np.argmax(np.sign(change[at]) * np.diff(x[at : at + _ROWS + 1])))
-    middle, half = (w[last] + w[last + 1]) / 2, abs(w[last + 1] - w[last]) / 2
-    return replace(sweep, last=int(rows[last]), jump=float(middle), std=float(half))
+    middle, wide = (w[last] + w[last + 1]) / 2, abs(w[last + 1] - w[last])
+    return replace(sweep, last=int(rows[last]), jump=float(middle), std=float(wide / np.sqrt(12)))
 
 
 def _scatter(points: SteadyPoints) -> Array:
