@@ -117,10 +117,10 @@ class Structure:
         w, a = self.sweep(level, up)
         near = len(w) // BETWEEN
         at = near + int(np.argmax(np.abs(np.diff(a))[near:]))
-        some = slice(at - near // 4, at + near)
-        moved = a[some] - a[at - near // 4]
+        before = at - near // 2  # beyond the swinging that follows a jump
+        moved = a[before : at + near] - a[before]
         sense = np.sign(moved[np.argmax(np.abs(moved))])
-        at += int(np.argmax(sense * np.diff(moved))) - near // 4
+        at = before + int(np.argmax(sense * np.diff(moved)))
         return float(w[at : at + 2].mean())
 
 

@@ -227,6 +227,19 @@ class ForcedBand(Framed):
         ------
         ValueError
             If the rate is 0 or not finite.
+
+        Examples
+        --------
+        >>> import romsindy as rs
+        >>> named = {"omega^2": 1.0, "gamma_3": 0.5, "c_linear": 0.04}
+        >>> beam = rs.ReducedModel.from_coefficients(named)
+        >>> orbits = rs.forced_response(beam, 0.1, (0.7, 1.6), n_points=40)
+        >>> force = np.full(len(orbits), 0.1)
+        >>> fit = rs.fit_steady(beam, orbits.frequency, force, orbits.coefficients[:, 1])
+        >>> band = fit.forced_response(0.08, (0.7, 1.6))
+        >>> (jump,) = band.jumps(sweep_rate=1e-4)
+        >>> jump.frequency > max(fold.frequency for fold in band.folds)
+        True
         """
         if not (np.isfinite(sweep_rate) and sweep_rate):
             raise ValueError(

@@ -239,7 +239,10 @@ def _unsteady(points: SteadyPoints, solution: SteadySolution) -> list[str]:
             f"off their neighbours: {_where(points, rough)}; where the vibration had not settled,"
             " wait longer, or leave the point out"
         )
-    noisy = points.std[:, 0] > _NOISY * np.median(points.std[:, 0])
+    std = points.std[:, 0]
+    noisy = np.ones(len(std), bool)
+    for size in (std, std / points.amplitude):  # noise may be a part of the amplitude
+        noisy &= size > _NOISY * np.median(size)
     if np.any(noisy):
         notes.append(
             f"far noisier than others: {_where(points, noisy)}; the vibration may not have settled"
