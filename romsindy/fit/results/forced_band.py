@@ -248,16 +248,11 @@ class ForcedBand(Framed):
             )
         found, known = [], dict(zip(self.response.folds.tolist(), self.folds, strict=True))
         for k, delay in jumps(self._model, self.response, sweep_rate):
-            on, low, high = known[k]
-            late = SIGMAS * LATE * delay
-            found.append(
-                Fold(
-                    on + delay,
-                    sweep_rate > 0,
-                    on + delay - float(np.hypot(on - low, late)),
-                    on + delay + float(np.hypot(high - on, late)),
-                )
-            )
+            fold, late = known[k], SIGMAS * LATE * delay
+            on = fold.frequency + delay
+            low = on - float(np.hypot(fold.frequency - fold.low, late))
+            high = on + float(np.hypot(fold.high - fold.frequency, late))
+            found.append(Fold(on, fold.rising, low, high))
         return tuple(found)
 
     def _asked(self, omega: Array) -> NDArray[np.bool_]:
