@@ -71,12 +71,12 @@ def test_signs_are_those_of_the_laws():
 
 
 def test_friction_and_drag_are_looked_for_wherever_terms_are_chosen_in_time():
-    for place in ("decay", "jointed", "driven", "series"):
+    for place in ("decay", "jointed", "driven", "series", "swept"):
         assert {Friction(), PowerDamping(2)} <= {*sought(place)}
     assert all(law.has("damping") for law in sought("driven"))
     with pytest.raises(ValueError, match="place = 'air' must be one of"):
         sought("air")
-    assert len(PLACES) == 7
+    assert len(PLACES) == 8
 
 
 def test_friction_acts_along_its_own_direction():

@@ -49,6 +49,7 @@ from romsindy.fit.steady.independence import between_levels, notes_on, verdict_o
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.sweeps import Sweeps, smoothed
 from romsindy.orbits.curves import checked_force
+from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -376,6 +377,8 @@ def fit_steady(
             )
     if model is None and fixed:
         raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
+    if model is not None:
+        _free(model, fixed)
     sweeps = None if sweep_rate is None else Sweeps.of(points, sweep_rate)
     if gain is None:
         _require_lags(points)
@@ -436,6 +439,12 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
         )
     free = not_fixed(model, fixed)
     model.refuse_memory("a balance of harmonics")
+    jumps = [t.key for t in model.terms if not (t.smooth or isinstance(t, FrictionLaw))]
+    if jumps:
+        raise ValueError(
+            f"the force of {jumps[0]} jumps: give model.regularised(velocity_scale), which is"
+            " smooth below a small velocity"
+        )
     return free
 
 
