@@ -435,3 +435,16 @@ def test_a_sensor_that_bends_with_frequency_is_no_noise_that_drifts(linear, give
     )
     assert not wrong.verdict.explained and "other frequencies" in str(wrong.verdict)
     assert right.verdict.explained
+
+
+def test_order_and_turns_of_the_phase_tell_nothing():
+    """A linear oscillator by its closed form: shuffled, and with phases that wrap."""
+    w, rng = np.tile(np.linspace(0.9, 1.1, 12), 2), np.random.default_rng(0)
+    force = np.repeat([1.0, 2.0], 12)
+    x = force / (1 - w**2 + 0.05j * w)
+    model = rs.ReducedModel.from_coefficients({"omega^2": 1.1, "c_linear": 0.1})
+    some = rng.permutation(len(w))
+    turned = np.abs(x) * np.exp(1j * (np.angle(x) + 2 * np.pi * rng.integers(-2, 3, len(w))))
+    for order, response in ((some, x), (slice(None), turned)):
+        found = rs.fit_steady(model, w[order], force[order], response[order]).model.coefficients
+        assert found == pytest.approx({"omega^2": 1.0, "c_linear": 0.05}, rel=1e-6)

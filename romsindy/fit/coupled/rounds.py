@@ -22,7 +22,7 @@ from romsindy.fit.kernel.gauss_newton import linear_tables
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.kernel.part import Part, Solution, extended
-from romsindy.fit.kernel.prepared import CREEPS, creeping
+from romsindy.fit.kernel.prepared import CREEPS, SHARP, creeping
 from romsindy.fit.kernel.shooting import cut, fit_pieces, lengths, moved
 from romsindy.fit.records.coupled import CoupledRecord, CurvedShape, ModeShape, curved_shapes
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -211,7 +211,6 @@ _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost; by more than the second
 # factor, and terms are missing.
 _LOST, _MISSED = 3.0, 1.5
-_SHARP = 3  # of the velocities over which friction turns round: less no step in time resolves
 # The lightest mass over the heaviest. Where nothing tells the masses, an equation times zero is
 # fulfilled by every motion; of what sensors see of one structure, masses differ by far less.
 _LIGHTEST = 1e-6
@@ -476,7 +475,7 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     if solution is None:
         return None
     model = extended(laws, solution.parts)
-    for part in CREEPS[1:_SHARP] if jumps else ():
+    for part in CREEPS[1:SHARP] if jumps else ():
         still = [r.at_rest(model) for r in moved(records, solution.motions)]
         near = fit_pieces(base, solution.parts, creeping(still, part), cycles)
         if near is None or not near.converged:

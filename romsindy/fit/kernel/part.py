@@ -23,9 +23,6 @@ from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array, Indices
 
 Model = TypeVar("Model", bound=TermSum)
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
-# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
-SMOOTHING = 0.001
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 
 

@@ -269,6 +269,7 @@ def record_notes(records: Sequence[Prepared]) -> list[str]:
 # Of the largest velocity, over which dry friction turns round, one after the other. Where friction
 # holds what an input pulls at, a force averaged over a step jumps from fit to fit, and few settle.
 CREEPS = (7e-3, 3e-3, 1e-3, 3e-4, 1e-4)
+SHARP = 3  # so many of them where no input drives several coordinates: less no step resolves
 
 
 def creeping(records: Sequence[R], part: float = CREEPS[0]) -> list[R]:

@@ -25,8 +25,8 @@ from scipy.interpolate import BSpline
 from romsindy.effects.base import ReadingEffect, SampledInput
 from romsindy.effects.outside import Bias
 from romsindy.fit.kernel.collocation import Grid, Trajectory
-from romsindy.fit.kernel.part import SMOOTHING, Part, Reading
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.part import Part, Reading
+from romsindy.fit.kernel.prepared import CREEPS, SHARP, Prepared
 from romsindy.fit.records.driven import AFFORDABLE, inputs_of_record, quiet_noise, steps_for
 from romsindy.fit.records.modes import Modes, motion_behind
 from romsindy.fit.records.record import NUMERICS, Record
@@ -218,7 +218,7 @@ class CoupledRecord(Prepared):
         grid = Grid.over(t, 1 / fastest, _STEPS, _PARTS)
         motion = _motion(grid, tones, decay.derivative)
         # A coordinate that friction stops is moved by the others.
-        creep = SMOOTHING * float(np.abs(motion.q_dot).max())
+        creep = CREEPS[SHARP - 1] * float(np.abs(motion.q_dot).max())
         return cls(decay, signals.T.ravel(), noise, shapes, motion, tones, creep=creep)
 
     @cached_property

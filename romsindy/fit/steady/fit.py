@@ -378,7 +378,7 @@ def fit_steady(
     if model is None and fixed:
         raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
     if model is not None:
-        _free(model, fixed)
+        _free(model, fixed)  # refused before its points are looked at
     sweeps = None if sweep_rate is None else Sweeps.of(points, sweep_rate)
     if gain is None:
         _require_lags(points)
