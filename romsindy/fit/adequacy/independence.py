@@ -173,10 +173,16 @@ def judged(
 
 
 def examine_independence(
-    model: Equations, solution: Solution, records: Sequence[tuple[int, Prepared]]
+    model: Equations,
+    solution: Solution,
+    records: Sequence[tuple[int, Prepared]],
+    noises: Mapping[int, Noises] | None = None,
 ) -> Independence:
-    """Of a fit to records, given with their numbers among all of it."""
-    tables = [Tried.of(model, solution, i, record) for i, record in records]
+    """Of a fit to records, given with their numbers among all of it, as the ``noises`` are.
+
+    Those of other numbers are found.
+    """
+    tables = [Tried.of(model, solution, i, record, (noises or {}).get(i)) for i, record in records]
     return independence(tables, sum(part.size for part in solution.parts))
 
 
@@ -191,7 +197,8 @@ def where_moved(
     tables = by_value_of(model, solution, records)
     noises = {i: found_noises(table.noises, table.left) for i, table in enumerate(tables)}
     moved = settled(model, solution, records, noises)
-    return examine_independence(model, moved or solution, [*enumerate(records)]), moved
+    found = noises if moved is None else {}
+    return examine_independence(model, moved or solution, [*enumerate(records)], found), moved
 
 
 def of_decays(
@@ -236,10 +243,15 @@ def by_noises(
     Where more than noise is left that which was heard says from which amplitude on. Decays without
     noise tell the least of terms: there is no misfit that does not matter.
     """
-    if found.chance < heard.false_alarm and not heard.explained:
+    if misses(heard, found):
         return heard
     size = examine_forced(records, solution.residuals, solution.n_values, heard.false_alarm)
     return judged(size, found, [*enumerate(records)])
+
+
+def misses(heard: Adequacy, found: Independence) -> bool:
+    """Whether more is left than noise, by its level and whatever its colour."""
+    return found.chance < heard.false_alarm and not heard.explained
 
 
 def told(heard: Adequacy, records: Sequence[Prepared]) -> bool:
@@ -280,15 +292,23 @@ class Tried:
     freedom: int
 
     @classmethod
-    def of(cls, model: Equations, solution: Solution, i: int, record: Prepared) -> Tried:
-        """Of a fit."""
+    def of(
+        cls,
+        model: Equations,
+        solution: Solution,
+        i: int,
+        record: Prepared,
+        noises: Noises | None = None,
+    ) -> Tried:
+        """Of a fit; noises are found in what it leaves unless they are given."""
         parts, motion = solution.parts, solution.motions[i]
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -len(motion.start) - 1]
         wide = np.zeros((len(fitted), sum(p.size for p in parts)))
         wide[:, columns_of(parts, i)] = fitted * record.white[:, None]  # they come over white noise
         equation = equation_of(model, parts, i, record)
         forces = _forces(model, parts, record, motion)
-        return cls.along(equation, parts, i, record, motion, wide, solution.residuals[i], forces)
+        left = solution.residuals[i]
+        return cls.along(equation, parts, i, record, motion, wide, left, forces, noises)
 
     @classmethod
     def along(
@@ -301,10 +321,11 @@ class Tried:
         fitted: Array,
         left: Array,
         forces: Iterable[Force],
+        noises: Noises | None = None,
     ) -> Tried:
         """Of what is left, (c n,), along a motion; ``fitted`` (c n, m): derivatives by values."""
         two = TwoNoises.along(equation, parts, number, record, motion)
-        noises, forces = found_noises(two, left), list(forces)
+        noises, forces = noises or found_noises(two, left), list(forces)
         response = respond(equation, motion, np.array([f.values for f in forces]))
         states = len(motion.start)
         x = record.in_orders(parts, response.samples)[..., 1:-states]

@@ -114,7 +114,7 @@ def identify_coupled(
     records = _with_tones_of(stage.model, best.records, free)
     pieces = tuple(piece for record in records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
-    fit = examined(fit) if np.isinf(best.cycles) else fit
+    fit = fit if best.cycles < np.inf or best.misses else examined(fit)
     model = replace(stage.model, values=fit.model.values)
     reached = replace(stage, model=model, shapes=fit.solution.parts[len(names) :])
     every = every_choice(reached, moved(pieces, fit.solution.motions))

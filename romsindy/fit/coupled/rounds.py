@@ -15,14 +15,21 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.effects.choices import KINDS, Kind, candidates
-from romsindy.fit.adequacy.independence import Independence, by_noises, by_values, of_decays, told
+from romsindy.fit.adequacy.independence import (
+    Independence,
+    by_noises,
+    by_values,
+    misses,
+    of_decays,
+    told,
+)
 from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.choice import Gram, Linearised, Trials, dragged, needed
 from romsindy.fit.kernel.gauss_newton import linear_tables
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.noises import Noises
 from romsindy.fit.kernel.part import Part, Solution, extended
-from romsindy.fit.kernel.prepared import CREEPS, SHARP, creeping
+from romsindy.fit.kernel.prepared import CREEPS, SHARP, chi_squared_of, creeping, part_of
 from romsindy.fit.kernel.shooting import cut, fit_pieces, lengths, moved
 from romsindy.fit.records.coupled import CoupledRecord, CurvedShape, ModeShape, curved_shapes
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -211,6 +218,7 @@ _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost; by more than the second
 # factor, and terms are missing.
 _LOST, _MISSED = 3.0, 1.5
+_ROUNDED = 2e-3  # of the response: what friction leaves at most that turns round too slowly
 # The lightest mass over the heaviest. Where nothing tells the masses, an equation times zero is
 # fulfilled by every motion; of what sensors see of one structure, masses differ by far less.
 _LIGHTEST = 1e-6
@@ -244,6 +252,11 @@ class FittedPieces:
             return bool(np.isinf(self.cycles))
         return by_noises(self.heard, self.solution, self.records, self.independence).explained
 
+    @property
+    def misses(self) -> bool:
+        """Whether it leaves more than noise, by its level and whatever its colour."""
+        return not told(self.heard, self.records) and misses(self.heard, self.independence)
+
     @cached_property
     def heard(self) -> Adequacy:
         """What it leaves, by the level of the noise."""
@@ -271,7 +284,9 @@ class FittedPieces:
 
     def with_noise_of(self, records: Sequence[CoupledRecord]) -> FittedPieces:
         """With the noise of other records in the place of its own."""
-        pairs = zip(self.records, records, strict=True)
+        pairs = list(zip(self.records, records, strict=True))
+        if all(r.noise is o.noise for r, o in pairs):
+            return self  # what was found out about it stands
         return replace(self, records=tuple(replace(r, noise=o.noise) for r, o in pairs))
 
     def heard_again(self) -> FittedPieces:
@@ -353,7 +368,7 @@ def _whole(
     if np.isinf(best.cycles) and told(best.heard, best.records):
         best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     elif np.isinf(best.cycles):
-        best = _by_noises(best, choice, progress)
+        best = _by_noises(best.with_noise_of(given), choice, progress)
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
@@ -475,7 +490,7 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     if solution is None:
         return None
     model = extended(laws, solution.parts)
-    for part in CREEPS[1:SHARP] if jumps else ():
+    for part in CREEPS[1:SHARP] if jumps and _near(solution, records) else ():
         still = [r.at_rest(model) for r in moved(records, solution.motions)]
         near = fit_pieces(base, solution.parts, creeping(still, part), cycles)
         if near is None or not near.converged:
@@ -487,3 +502,10 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     stage = replace(start, model=model, shapes=solution.parts[len(own) :])
     followed = moved(records, solution.motions)
     return FittedPieces(stage, base, followed, cycles, solution)
+
+
+def _near(solution: Solution, records: Sequence[CoupledRecord]) -> bool:
+    """Whether so little is left that it may show how sharply friction turns round."""
+    squares = chi_squared_of(records, solution.residuals)
+    near = squares < _MISSED**2 * sum(len(r.signal) for r in records)
+    return near or part_of(records, solution.residuals) < _ROUNDED

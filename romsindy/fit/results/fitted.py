@@ -26,6 +26,7 @@ from romsindy.fit.adequacy.independence import (
     examine_forced,
     examine_independence,
     judged,
+    misses,
     of_decays,
     settled,
     told,
@@ -324,7 +325,7 @@ def examined(fit: Fit) -> Fit:
         moved = settled(fit.start, fit.solution, fit.records, _by_record(pairs, found))
     else:
         found, moved = of_decays(fit.start, fit.solution, fit.records)
-        if found.chance < fit.verdict.false_alarm and not fit.verdict.explained:
+        if misses(fit.verdict, found):
             return fit
     noises = _by_record(pairs, found)
     better = moved and _simulated_without(fit.start, moved, fit.records, noises)
