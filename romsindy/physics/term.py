@@ -261,8 +261,8 @@ def power_slope(q: Scalars, power: float) -> Scalars:
 
 
 def size_slope(q: Scalars, power: float) -> Scalars:
-    """Derivative of |q|^power with respect to q."""
-    return power * np.abs(q) ** (power - 1) * np.sign(q)
+    """Derivative of |q|^power with respect to q; 0 at 0, where powers below 1 have none."""
+    return power * np.maximum(np.abs(q), np.finfo(float).tiny) ** (power - 1) * np.sign(q)
 
 
 def _sum_of(part: str) -> Callable[..., Scalars]:
