@@ -104,12 +104,14 @@ def left_over(
     """
     if left.explained and gap.after <= PREDICTED:
         return "noise"
+    alone = whole and not best.names
     told = gap.unseen or left.ratio <= PREDICTED
+    # What took no part may be too quiet to show what is left where nothing is blamed.
+    told = told and not (alone and any(d.exceeds(tolerance) for d in whole))
     if told and gap.after <= PREDICTED and gap.closed >= CLOSED:
         return "little"
     # Slow noise has a waveform in short stretches, and these may not reach where records differ:
     # where nothing is blamed whole records say it.
-    alone = whole and not best.names
     if within(whole, tolerance) if alone else gap.leaves_within(tolerance):
         return "tolerance"
     known = form != NO_FORM_ERROR  # of a reference record, if there was one
