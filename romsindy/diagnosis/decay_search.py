@@ -224,6 +224,9 @@ class DecaySearch(Search):
         """The survivors of a screening beside a hypothesis; at first two at once, if needed."""
         screening = self._screened(best)
         tried = self._one_more(best, screening)
+        if not (tried or best.effects):  # about the fitted motion something may gain all the same
+            screening = self._screened(best, fitted=True)
+            tried = self._one_more(best, screening)
         if best.effects or not tried or self.remainder(tried[0]).explained:
             return tried
         beside = self._one_more(tried[0], self._screened(tried[0]))
@@ -231,13 +234,14 @@ class DecaySearch(Search):
             beside += [*self._pairs(screening), *self._beside_hum(screening)]
         return self.ranked([*tried, *beside])
 
-    def _screened(self, best: Hypothesis) -> Screening:
+    def _screened(self, best: Hypothesis, fitted: bool = False) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
         left = [e for e in self.options.catalogue if e.name not in used]
         given = (self.model, best.solution.parts, left, self.records)
         # Linearised about the measured motion, where all effects have left their mark.
         screening = screen(*given)
-        if not best.effects or screening.base <= best.at(NO_FORM_ERROR).misfit:
+        far = screening.base > best.at(NO_FORM_ERROR).misfit
+        if not far or not (best.effects or fitted):
             return screening
         # That is too far from the fitted one, which explains more.
         return screen(*given, best.solution.motions)
