@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfilt
 
 import romsindy as rs
 from romsindy.commands import diagnose as diagnose_command
@@ -291,6 +292,67 @@ def test_one_ambiguous_effect_has_a_next_test():
 
 
 @pytest.mark.study
+def coloured(decay, snr_db, seed):
+    """With noise between half and one and a half times the frequency of the vibration."""
+    rng, n = np.random.default_rng(seed), len(decay.t)
+    rate = decay.dt * OMEGA / np.pi  # over half of that of the samples
+    sections = butter(2, [0.5 * rate, 1.5 * rate], "band", output="sos")
+    noise = sosfilt(sections, rng.standard_normal(n + 2000))[2000:]
+    noise *= np.std(decay.signal) * 10 ** (-snr_db / 20) / np.std(noise)
+    return rs.Decay(decay.t, decay.signal + noise)
+
+
+@pytest.mark.slow
+def test_a_quiet_record_does_not_excuse_what_a_loud_one_shows():
+    model = rs.ReducedModel.from_coefficients(NOMINAL | {"gamma_5": 5.0})
+    pair = (decay(a, lambda t, q, v: 45 * q**5, 200) for a in (1.0, 0.5))
+    loud, quiet = (coloured(d, 30, 1 + i) for i, d in enumerate(pair))
+    found = diagnose(model, [loud], held_out=quiet)
+    assert found.verdict == "named"
+    assert found.best.names == ("quintic_stiffness",)
+
+
+@pytest.mark.slow
+def test_what_leads_the_first_fit_astray_is_looked_for_about_that_fit():
+    k, near = OMEGA**2, {"gamma_2": 0.0593, "gamma_3": -0.008}
+    near = {name: value * k for name, value in near.items()}
+    near |= {"Upsilon_3": 0.37, "c_linear": 0.0035 * OMEGA}
+    more = {"gamma_4": 0.0163 * k, "gamma_5": 0.0353 * k}
+
+    def clipped(t, q):
+        return np.clip(q, -0.805, 0.805)
+
+    def force(t, q, v):
+        return more["gamma_4"] * q**4 + more["gamma_5"] * q**5
+
+    loud, quiet = (
+        decay(a, force, 40, i, near, clipped, duration=20.0) for i, a in enumerate((1.0, 0.5))
+    )
+    model = rs.ReducedModel.from_coefficients(NOMINAL | near | more)
+    found = diagnose(model, [loud], held_out=quiet)
+    assert (found.verdict, found.best.names) == ("named", ("saturation",))
+    assert_allclose(found.best.effects[0].effect.value("limit"), 0.805, rtol=0.01)
+
+
+@pytest.mark.slow
+def test_fewer_effects_are_told_only_where_they_leave_as_little():
+    known = {"c_linear": 0.05 * OMEGA, "gamma_2": -0.06 * OMEGA**2}
+
+    def structural(t, q, v):
+        return 0.08 * OMEGA**2 * abs(q) ** 0.94 * np.tanh(v / 1e-3)
+
+    def hum(t, q):
+        return q + 0.004 * np.sin(314.5 * t) + 0.007 * np.sin(629.0 * t)
+
+    both = [
+        decay(a, structural, snr, i, known, hum, length)
+        for i, (a, snr, length) in enumerate([(1.0, 36, 4.8), (0.37, 27, 4.7)])
+    ]
+    found = diagnose(rs.ReducedModel.from_coefficients(NOMINAL | known), both)
+    # Linear damping in the place of it leaves more: both explain the envelope to five per cent.
+    assert (found.verdict, set(found.best.names)) == ("named", {"mains_hum", "hysteretic"})
+
+
 @pytest.mark.slow
 def test_an_effect_in_no_catalogue_is_unknown():
     """A stiffness that ripples with displacement and comes and goes in time."""

@@ -35,6 +35,7 @@ from romsindy.fit.records.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import (
     AS_WELL,
     EQUIVALENT,
+    EXPLAINED,
     NEARLY_WHOLE,
     NOTHING_LEFT,
     ROUNDED,
@@ -150,7 +151,8 @@ def _that_matter(
 ) -> Finding:
     """The finding with fewer of several effects, where what these say is within the tolerance.
 
-    What is in the measurement changes no motion, and stays.
+    What is in the measurement changes no motion, and stays; so does what leaves noise alone, where
+    fewer leave distinctly more.
     """
     best = found.rivals[0]
     while len(best.effects) > 1 and not (found.interrupted or search.options.over):
@@ -160,7 +162,12 @@ def _that_matter(
             for h, part in zip(search.without_one(best, found.compared), best.effects, strict=True)
             if h.solution.finite and part.effect.family not in ("measurement", "outside")
         ]
-        alike = [h for h in fewer if not explained(h).differs(whole, tolerance)]
+        most = EXPLAINED * whole.left.ratio if whole.leaves_noise else np.inf
+        alike = [
+            h
+            for h, e in zip(fewer, map(explained, fewer), strict=True)
+            if not e.differs(whole, tolerance) and (e.leaves_noise or e.left.ratio < most)
+        ]
         if not alike:
             break
         best = search.ranked(alike)[0]
