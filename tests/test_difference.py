@@ -1,5 +1,7 @@
 """Differences between decays of closed form, in frequency, damping and waveform."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -127,6 +129,15 @@ def test_a_simulation_that_shares_no_amplitudes_differs(x):
     d = difference(record(noise=0.001), x)
     assert np.isnan(d.frequency) and d.signal > 0.2
     assert d.exceeds(TOLERANCE) and d.exceeds(Tolerance(0.1, 0.5, 0.1))
+
+
+@pytest.mark.parametrize(("x", "off"), [(signal(), 0.28), (np.zeros_like(T), 0.0)])
+def test_a_motion_that_friction_holds_from_the_start_is_compared(x, off):
+    loud = record(noise=0.001)
+    held = replace(loud, signal=np.zeros_like(loud.signal))
+    d = Difference.of(held, x[: len(loud.t)], exact=True)
+    # Rms of a decay over its first amplitude: e^(-2 zeta omega t) / 2 is averaged over its length.
+    assert_allclose(d.signal, off, atol=0.01)
 
 
 def test_a_record_of_three_cycles_is_compared_as_it_is():

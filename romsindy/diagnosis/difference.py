@@ -413,7 +413,8 @@ def _difference(pair: _Pair, which: Indices) -> Difference:
 
 def _apart(record: Record, simulated: Array) -> Difference:
     """Of signals that share no amplitudes: all that differs."""
-    peak = float(np.abs(record.signal).max())
+    # Friction may hold a simulation where it begins.
+    peak = next((x for x in map(_peak, (record.signal, simulated)) if x > 0), 1.0)
     power = float(np.mean((record.signal - simulated) ** 2)) - record.noise.std**2
     power = power if np.isfinite(power) else np.inf
     amplitude = np.hypot(record.motion.q, record.motion.q_dot / record.rate)
@@ -429,6 +430,10 @@ def _apart(record: Record, simulated: Array) -> Difference:
         noise / np.sqrt(len(record.t) / 2),
         noise,
     )
+
+
+def _peak(x: Array) -> float:
+    return float(np.abs(x).max())
 
 
 def _fitted(t: Array, x: Array, weight: Array, derivative: int) -> tuple[float, float]:
