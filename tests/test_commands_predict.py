@@ -183,6 +183,32 @@ def test_folds_are_told_with_intervals_and_the_middle_has_a_band(run, tmp_path):
     assert (tmp_path / "found_predicted.html").read_text(encoding="utf-8").count("image/png") == 1
 
 
+def test_a_quick_sweep_jumps_late(run, tmp_path):
+    """By a delay that grows as the rate to the power of two thirds (Jung and others, 1990)."""
+    save(rs.ReducedModel.from_coefficients(DUFFING, unit="m"), reach=1.0)
+    hz = 1 / (2 * np.pi)
+    given = ["--force", FORCE, "--frequency", f"{0.8 * hz}:{1.7 * hz}", "--json", "t.json"]
+    delays = []
+    for rate in (1e-7, 8e-7):
+        done = run("predict", "found.json", *given, "--sweep-rate", rate, "--overwrite")
+        assert done.exit_code == 0, done.output
+        assert f"A sweep of rising frequency at {rate:g} Hz/s jumps at" in done.output
+        content = json.loads((tmp_path / "t.json").read_text())
+        folds, jumps = ({f["rising"]: f for f in content[name]} for name in ("folds", "jumps"))
+        assert content["sweep_rate"] == rate
+        assert all(j["low"] < j["frequency"] < j["high"] for j in jumps.values())
+        delays.append([jumps[up]["frequency"] - folds[up]["frequency"] for up in (True, False)])
+    slow, quick = np.array(delays)
+    assert slow[0] > 0 > slow[1]
+    np.testing.assert_allclose(quick, 4 * slow, rtol=0.1)  # the law is that of slow sweeps
+    refused = run("predict", "found.json", "--sweep-rate", 1)
+    assert (
+        refused.exit_code == 2 and "--sweep-rate is for the response to a --force" in refused.stderr
+    )
+    none = run("predict", "found.json", "--force", 1e-3 * FORCE, "--sweep-rate", 1)
+    assert "A sweep jumps nowhere in this range." in none.output
+
+
 def test_beyond_the_data_there_is_no_band_and_a_sentence_says_why(run, tmp_path):
     save(LINEAR, reach=1e-3)
     done = run("predict", "found.json", "--force", 0.5, "--frequency", "7:9", "--csv", "t.csv")

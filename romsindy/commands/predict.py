@@ -40,6 +40,7 @@ from romsindy.fit.results.forced_band import ForcedBand
 from romsindy.fit.steady.fit import SteadyEstimate
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import Fold, ForcedResponse, SteadyState, forced_response
+from romsindy.orbits.sweeps import jumps
 from romsindy.physics.equations import Equations, inputs_of
 from romsindy.physics.term_sum import json_text
 from romsindy.record.files.load import named
@@ -74,7 +75,7 @@ _UNTRACED = re.compile(
     r"start (there|at the other end), frequency=\([^)]*\)(, or go on beyond it)?"
 )
 _HEADINGS = {
-    "What is foretold": "--force --frequency --amplitude",
+    "What is foretold": "--force --frequency --sweep-rate --amplitude",
     "Output": "--full --report --interactive --json --csv --figure --overwrite",
 }
 
@@ -150,6 +151,13 @@ def _text(value: Any, digits: int) -> str:
     " resonance]",
 )
 @click.option(
+    "--sweep-rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ/S",
+    help="At which the frequency of --force rises, and falls: a sweep jumps late.  [default: slow"
+    " sweeps]",
+)
+@click.option(
     "--amplitude",
     callback=span("0.001:0.01"),
     metavar="LOW:HIGH",
@@ -174,6 +182,7 @@ def predict(
     file: Path,
     force: float | tuple[float, ...] | None,
     frequency: tuple[float, float] | None,
+    sweep_rate: float | None,
     amplitude: tuple[float, float] | None,
     full: bool,
     report: Path | None,
@@ -189,8 +198,9 @@ def predict(
     95 % bands, which responses are stable, and at which frequencies a sweep jumps. Without it come
     frequency and damping ratio of free vibrations against their amplitude.
     """
-    if force is None and frequency is not None:
-        raise click.UsageError("--frequency is for the response to a --force: give both, or none")
+    for option, given in (("--frequency", frequency), ("--sweep-rate", sweep_rate)):
+        if force is None and given is not None:
+            raise click.UsageError(f"{option} is for the response to a --force: give both, or none")
     if force is not None:
         refuse_beside("force", "a backbone", {"amplitude": "the force says how large it is"})
     alone = str(json_file) == "-"
@@ -200,7 +210,7 @@ def predict(
         if force is None:
             foretold = _backbones(found, model, amplitude)
         else:
-            foretold = _forced(found, model, force, frequency)
+            foretold = _forced(found, model, force, frequency, sweep_rate)
     with writing(page):
         write_page(
             page,
@@ -287,10 +297,12 @@ def _forced(
     model: Equations,
     force: float | tuple[float, ...],
     asked: tuple[float, float] | None,
+    sweep_rate: float | None,
 ) -> Foretold:
     """The response, with its band where it is known.
 
-    Raises a ValueError if none is found in the range, or the forces are not for the model.
+    Raises a ValueError if none is found in the range, or the forces are not for the model, or a
+    rate, Hz/s, for one of several coordinates.
     """
     wanted = 1 if inputs_of(model) else model.n_coordinates
     if np.size(force) != wanted:
@@ -310,19 +322,18 @@ def _forced(
     states = response.steady_states(at)
     top = max(states, key=lambda state: float(state.amplitude.max()))
     ends = (np.nan, np.nan) if band is None else band.peak_band
-    folds = [
-        fold._replace(
-            **{name: getattr(fold, name) / _HERTZ for name in ("frequency", "low", "high")}
-        )
-        for fold in (orbits.jumps if band is None else band.folds)
-        if low <= fold.frequency <= high
+    turns = [
+        f for f in (orbits.jumps if band is None else band.folds) if low <= f.frequency <= high
     ]
+    late = _late(model, response, sweep_rate) if sweep_rate and turns else []
     shown = "amplitude" if band is None else str(QUANTITIES[band.rate])
     unit_shown = response.unit or "unit of q"
     lines = [
         _largest(top._replace(low=ends[0], high=ends[1]), unit_shown),
         _AT_END if top.frequency in (low, high) else "",
-        *map(_jump, folds),
+        "A sweep jumps nowhere in this range." if sweep_rate and not turns else "",
+        *([] if late else map(_jump, turns)),
+        *(_jump(jump, f" at {sweep_rate:g} Hz/s") for jump in late),
         remark,
         f"Dry friction is made smooth below {scale:.3g} {model.unit or '[q]'}/s." if scale else "",
         _ALONE if found is None else "" if band else _SEVERAL,
@@ -331,7 +342,8 @@ def _forced(
     chosen = {*at[_some(len(at))].tolist(), top.frequency}
     draw = partial(draw_response, response, f"{title.split(' of ')[-1]},", (low, high))
     facts: dict[str, Any] = {"excitation": what, "size": force, "unit": unit}
-    facts |= {"folds": [{n: _plain(x) for n, x in fold._asdict().items()} for fold in folds]}
+    facts |= {"folds": [*map(_in_hertz, turns)]}
+    facts |= {"sweep_rate": sweep_rate, "jumps": [*map(_in_hertz, late)]} if sweep_rate else {}
     return Foretold(
         f"Response to a {title}, {'half peak to peak' if band is None else 'first harmonic'}",
         _columns(states, shown, unit_shown, model),
@@ -410,9 +422,34 @@ def _largest(state: SteadyState, unit: str) -> str:
     return f"Largest: {size} {unit}{ends} at {state.frequency / _HERTZ:.6g} Hz."
 
 
-def _jump(fold: Fold) -> str:
-    ends, way = _between(fold.low, fold.high, 6), "rising" if fold.rising else "falling"
-    return f"A sweep of {way} frequency jumps at {fold.frequency:.6g} Hz{ends}."
+def _late(model: Equations, response: ForcedResponse | ForcedBand, sweep_rate: float) -> list[Fold]:
+    """Jumps of sweeps at a rate, Hz/s, up and down.
+
+    Raises a ValueError for several coordinates.
+    """
+    if model.numbered:
+        raise ValueError("--sweep-rate: how late a sweep jumps is known of one coordinate alone")
+    rates = sweep_rate * _HERTZ, -sweep_rate * _HERTZ
+    if isinstance(response, ForcedBand):
+        return [jump for rate in rates for jump in response.jumps(rate)]
+    w = response.frequency
+    return [
+        Fold(float(w[jump.fold]) + jump.delay, rate > 0)
+        for rate in rates
+        for jump in jumps(model, response, rate)
+    ]
+
+
+def _in_hertz(fold: Fold) -> dict[str, Any]:
+    angular = {n: _plain(getattr(fold, n) / _HERTZ) for n in ("frequency", "low", "high")}
+    return fold._asdict() | angular
+
+
+def _jump(fold: Fold, rate: str = "") -> str:
+    known = _in_hertz(fold)
+    ends = "" if known["low"] is None else _between(known["low"], known["high"], 6)
+    way = "rising" if fold.rising else "falling"
+    return f"A sweep of {way} frequency{rate} jumps at {known['frequency']:.6g} Hz{ends}."
 
 
 def _note(note: str) -> str:
