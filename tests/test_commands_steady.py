@@ -236,6 +236,11 @@ def test_units_may_end_a_name(linear, tmp_path):
     for field in ("frequency", "force", "response"):
         np.testing.assert_array_equal(getattr(said, field), getattr(joined, field))
     assert (joined.unit, joined.force_unit, joined.quantity) == ("m", "N", "displacement")
+    # Where no word says of what, it is the response.
+    write(tmp_path / "bare.csv", "frequency_Hz,force_V,amplitude_mm,phase_deg", hz, force, *polar)
+    bare = SteadyTable.read(tmp_path / "bare.csv")
+    np.testing.assert_array_equal(bare.response, said.response)
+    assert (bare.force_unit, bare.quantity) == ("V", "displacement")
     write(tmp_path / "odd.csv", "frequency_Hz,force_N,colour_mm", hz, force, polar[0])
     with pytest.raises(ValueError, match="the column 'colour_mm' is not understood"):
         SteadyTable.read(tmp_path / "odd.csv")

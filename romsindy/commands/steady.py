@@ -186,17 +186,19 @@ def _in_words(sentence: str) -> str:
 
 
 _UNDERSTOOD = (
-    "a table of steady states has the columns frequency [Hz], force [N] and displacement [m], or"
-    " velocity, acceleration or response; besides force phase [deg], displacement phase [deg],"
-    " displacement 2 [m] and displacement 2 phase [deg] for the second harmonic, and so on, and"
-    " spread [m]; of sweeps, known by amplitude, sweep rate [Hz/s], negative where the frequency"
-    " falls"
+    "a table of steady states has the columns frequency [Hz], force [N], in [V] where that is what"
+    " drives, and displacement [m], or velocity, acceleration or response; besides force phase"
+    " [deg], displacement phase [deg], displacement 2 [m] and displacement 2 phase [deg] for the"
+    " second harmonic, and so on, and spread [m]; of sweeps, known by amplitude, sweep rate [Hz/s],"
+    " negative where the frequency falls"
 )
 _NAME = re.compile(  # a frequency has no phase, and of a force one harmonic is known
     r"(?!(?:frequency|spread|sweep)\b.* phase|(?:frequency|spread|sweep rate|force) [1-9])"
     rf"(?P<what>frequency|force|spread|sweep rate|response|{'|'.join(QUANTITIES)})"
     r"(?P<number> [1-9]\d*)?(?: amplitude)?(?P<phase> phase)?"
 )
+# Where no word says of what, it is the response.
+_ALSO = {"amplitude": "response", "phase": "response phase"}
 _ROUNDING = 1e-9  # of a force
 _COLUMNS = ("frequency", "force", "response", "spread", "rate")
 _TURNS = {"Hz": 2 * np.pi, "rad/s": 1.0}
@@ -290,7 +292,8 @@ class SteadyTable:
 
 def _parts(name: str) -> re.Match[str] | None:
     """What a name says, however its words are joined; None where it is not understood."""
-    return _NAME.fullmatch(" ".join(re.split(r"[\s_]+", name.strip().lower())))
+    words = " ".join(re.split(r"[\s_]+", name.strip().lower()))
+    return _NAME.fullmatch(_ALSO.get(words, words))
 
 
 def _known(columns: list[Column]) -> Mapping[Key, Column]:
