@@ -313,6 +313,16 @@ def test_a_quiet_record_does_not_excuse_what_a_loud_one_shows():
 
 
 @pytest.mark.slow
+def test_of_as_many_values_those_are_told_that_leave_noise_alone():
+    """Linear stiffness in the place of gamma_2 is within the tolerance, at six times the noise."""
+    found = report(changed={"gamma_2": 0.15 * OMEGA**2, "c_linear": 0.02 * OMEGA})
+    assert found.verdict == "named"
+    assert found.best.names == ("quadratic_stiffness", "viscous")
+    strength, *_ = (p.strengths for p in found.best.effects)
+    assert_allclose(strength, 0.1 * OMEGA**2, rtol=0.02)  # +- 0.5 %, at four standard errors
+
+
+@pytest.mark.slow
 def test_what_leads_the_first_fit_astray_is_looked_for_about_that_fit():
     k, near = OMEGA**2, {"gamma_2": 0.0593, "gamma_3": -0.008}
     near = {name: value * k for name, value in near.items()}

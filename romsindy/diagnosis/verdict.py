@@ -77,10 +77,13 @@ def _off_zero(found: Explanation, without: Hypothesis) -> float:
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
-def _plainest(found: Explanation) -> tuple[int, bool, float]:
-    """The least of several says the fewest values, linear ones first; of two alike the likelier."""
+def _plainest(found: Explanation) -> tuple[int, bool, bool, float]:
+    """The least of several says the fewest values; what leaves noise alone first, then linear ones.
+
+    Of two alike it is the likelier.
+    """
     h = found.hypothesis
-    return len(h.said), bool(h.effects and h.moved), h.score
+    return len(h.said), not found.leaves_noise, bool(h.effects and h.moved), h.score
 
 
 def _matter(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
