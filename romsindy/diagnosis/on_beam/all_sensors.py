@@ -135,6 +135,11 @@ class TriedOnBeam:
         """Points of an effect that can be anywhere."""
         return np.zeros(0) if self.at is None else self.at
 
+    @property
+    def rms(self) -> float:
+        """What is left over the noise, at the point where it is least."""
+        return float(np.sqrt(np.min(np.mean(self.left**2, axis=0))))
+
     def joined(self, more: TriedOnBeam) -> TriedOnBeam:
         """The same with further points."""
         at, left = np.append(self.points, more.points), np.hstack([self.left, more.left])

@@ -124,6 +124,9 @@ class BeamRounds(Rounds):
     told: dict[str, PlaceOnBeam] = field(default_factory=dict)  # by name of an effect, once moved
     # What higher modes say of the values beside an explanation: its names, and changes by key
     more: tuple[Names, Mapping[tuple[str, str], Array]] = (frozenset(), {})
+    # What all sensors are left with beside explanations, over the noise, with higher modes as they
+    # may be
+    within: dict[Names, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -379,6 +382,7 @@ class BeamRounds(Rounds):
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
         tried = [t for t in found if t is not None]
+        self.within |= {t.names: t.rms for t in tried}
         weighed = weigh(tried, read, self.seen)
         return dict(zip((t.names for t in tried), weighed, strict=True))
 

@@ -44,6 +44,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
 from romsindy.diagnosis.structure_report import StructureReport
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
+from romsindy.fit.verdict import PREDICTED
 from romsindy.typing import Array
 
 
@@ -161,6 +162,9 @@ class BeamReport(StructureReport):
         Where the effect acts, if it is one that can be anywhere.
     loud : tuple of str
         Records in which other modes change the motion of the first: only all sensors tell of them.
+    within : float or None
+        What all sensors are left with, over the noise, where higher modes have the frequencies and
+        the damping that fit best within what is known of them; None where that was not asked.
     """
 
     faults: tuple[SensorFault, ...]
@@ -168,6 +172,7 @@ class BeamReport(StructureReport):
     slack: Latitude
     place: PlaceOnBeam | None = None
     loud: tuple[str, ...] = ()
+    within: float | None = None
 
     @property
     def verdict(self) -> str:
@@ -229,6 +234,20 @@ class BeamReport(StructureReport):
         return replace(advice, action=advice.test.words.format(amplitude=size))
 
     @property
+    def _left(self) -> str:
+        """As of every structure, and whether higher modes may do that.
+
+        They lose step by radians within what is known of them, and what is left is as large.
+        """
+        worst = max((e.after for e in self.sensor_errors), default=0.0)
+        if self.within is None or not self.within <= PREDICTED < worst:
+            return super()._left
+        return (
+            f"{super()._left} With higher modes that fit best within what is known of their"
+            f" frequency and damping it is {self.within:.2g} times the noise over all sensors."
+        )
+
+    @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
@@ -273,6 +292,7 @@ class BeamReport(StructureReport):
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
             "loud": list(self.loud),
+            "within": self.within,
         }
 
 

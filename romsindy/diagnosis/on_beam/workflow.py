@@ -36,6 +36,7 @@ from romsindy.diagnosis.on_beam.within_tolerances import (
     position_gains,
     slopes,
 )
+from romsindy.diagnosis.rounds import names_of
 from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.structure import corrected, sensor_errors
 from romsindy.diagnosis.workflow import diagnose_model
@@ -138,6 +139,7 @@ def diagnose_beam(
         slack=slack,
         place=place,
         loud=rounds.loud,
+        within=rounds.within.get(names_of(found.report.best)),
     )
 
 
