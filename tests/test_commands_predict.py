@@ -205,6 +205,11 @@ def test_a_quick_sweep_jumps_late(run, tmp_path):
     assert (
         refused.exit_code == 2 and "--sweep-rate is for the response to a --force" in refused.stderr
     )
+    above = f"{1.01 * min(turns()) * hz}:{1.7 * hz}"  # the fold of the falling sweep lies below
+    up = run("predict", "found.json", "--force", FORCE, "--frequency", above, "--sweep-rate", 1e-7)
+    assert "rising frequency at 1e-07 Hz/s" in up.output and "falling" not in up.output
+    quick = run("predict", "found.json", *given, "--sweep-rate", 1e-2, "--overwrite")
+    assert "where it jumps is no more than a guess" in quick.output
     none = run("predict", "found.json", "--force", 1e-3 * FORCE, "--sweep-rate", 1)
     assert "A sweep jumps nowhere in this range." in none.output
 

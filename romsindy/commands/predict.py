@@ -69,6 +69,10 @@ _CAPTION = (
     "Solid where stable, dashed where not, dotted beyond the amplitudes of the data, with the 95 %"
     " band where there is one. At a fold a sweep jumps."
 )
+_QUICK = 0.05  # of the frequency: a jump so late is not near its fold
+_TOO_QUICK = (
+    "So quick a sweep does not follow the response: where it jumps is no more than a guess."
+)
 _AT_END = "That is at an end of the range: a wider --frequency shows more."
 _SEVERAL = "No band: errors of several coordinates are not followed into a response."
 _UNTRACED = re.compile(
@@ -322,10 +326,11 @@ def _forced(
     states = response.steady_states(at)
     top = max(states, key=lambda state: float(state.amplitude.max()))
     ends = (np.nan, np.nan) if band is None else band.peak_band
-    turns = [
-        f for f in (orbits.jumps if band is None else band.folds) if low <= f.frequency <= high
-    ]
-    late = _late(model, response, sweep_rate) if sweep_rate and turns else []
+    folds = orbits.jumps if band is None else band.folds
+    turns = [fold for fold in folds if low <= fold.frequency <= high]
+    late = _late(model, response, folds, sweep_rate) if sweep_rate and turns else {}
+    late = {fold: jump for fold, jump in late.items() if fold in turns}
+    quick = any(abs(jump.frequency / fold.frequency - 1) > _QUICK for fold, jump in late.items())
     shown = "amplitude" if band is None else str(QUANTITIES[band.rate])
     unit_shown = response.unit or "unit of q"
     lines = [
@@ -333,7 +338,8 @@ def _forced(
         _AT_END if top.frequency in (low, high) else "",
         "A sweep jumps nowhere in this range." if sweep_rate and not turns else "",
         *([] if late else map(_jump, turns)),
-        *(_jump(jump, f" at {sweep_rate:g} Hz/s") for jump in late),
+        *(_jump(jump, f" at {sweep_rate:g} Hz/s") for jump in late.values()),
+        _TOO_QUICK if quick else "",
         remark,
         f"Dry friction is made smooth below {scale:.3g} {model.unit or '[q]'}/s." if scale else "",
         _ALONE if found is None else "" if band else _SEVERAL,
@@ -343,7 +349,9 @@ def _forced(
     draw = partial(draw_response, response, f"{title.split(' of ')[-1]},", (low, high))
     facts: dict[str, Any] = {"excitation": what, "size": force, "unit": unit}
     facts |= {"folds": [*map(_in_hertz, turns)]}
-    facts |= {"sweep_rate": sweep_rate, "jumps": [*map(_in_hertz, late)]} if sweep_rate else {}
+    facts |= (
+        {"sweep_rate": sweep_rate, "jumps": [*map(_in_hertz, late.values())]} if sweep_rate else {}
+    )
     return Foretold(
         f"Response to a {title}, {'half peak to peak' if band is None else 'first harmonic'}",
         _columns(states, shown, unit_shown, model),
@@ -422,22 +430,30 @@ def _largest(state: SteadyState, unit: str) -> str:
     return f"Largest: {size} {unit}{ends} at {state.frequency / _HERTZ:.6g} Hz."
 
 
-def _late(model: Equations, response: ForcedResponse | ForcedBand, sweep_rate: float) -> list[Fold]:
-    """Jumps of sweeps at a rate, Hz/s, up and down.
+def _late(
+    model: Equations,
+    response: ForcedResponse | ForcedBand,
+    folds: Sequence[Fold],
+    sweep_rate: float,
+) -> dict[Fold, Fold]:
+    """By fold, where sweeps at a rate, Hz/s, jump: up at some, down at the others.
 
     Raises a ValueError for several coordinates.
     """
     if model.numbered:
         raise ValueError("--sweep-rate: how late a sweep jumps is known of one coordinate alone")
-    rates = sweep_rate * _HERTZ, -sweep_rate * _HERTZ
-    if isinstance(response, ForcedBand):
-        return [jump for rate in rates for jump in response.jumps(rate)]
-    w = response.frequency
-    return [
-        Fold(float(w[jump.fold]) + jump.delay, rate > 0)
-        for rate in rates
-        for jump in jumps(model, response, rate)
-    ]
+    found: dict[Fold, Fold] = {}
+    for rate in (sweep_rate * _HERTZ, -sweep_rate * _HERTZ):
+        if isinstance(response, ForcedBand):
+            several = response.jumps(rate)
+        else:
+            w = response.frequency
+            late = jumps(model, response, rate)
+            several = tuple(Fold(float(w[x.fold]) + x.delay, rate > 0) for x in late)
+        found |= dict(
+            zip((fold for fold in folds if fold.rising == (rate > 0)), several, strict=True)
+        )
+    return found
 
 
 def _in_hertz(fold: Fold) -> dict[str, Any]:
