@@ -210,6 +210,12 @@ def test_a_quick_sweep_jumps_late(run, tmp_path):
     assert "rising frequency at 1e-07 Hz/s" in up.output and "falling" not in up.output
     quick = run("predict", "found.json", *given, "--sweep-rate", 1e-2, "--overwrite")
     assert "where it jumps is no more than a guess" in quick.output
+    coupled = {"omega^2 [q1]": 1.0, "omega^2 [q2]": 9.0, "c_linear [q1]": 0.1, "c_linear [q2]": 0.1}
+    (tmp_path / "two.json").write_text(rs.CoupledModel.from_coefficients(coupled).to_json())
+    refused = run("predict", "two.json", "--force", "1,0", "--sweep-rate", 1)
+    assert (
+        refused.exit_code != 0 and "known of one coordinate alone; leave it out" in refused.stderr
+    )
     none = run("predict", "found.json", "--force", 1e-3 * FORCE, "--sweep-rate", 1)
     assert "A sweep jumps nowhere in this range." in none.output
 

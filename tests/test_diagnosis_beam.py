@@ -391,12 +391,12 @@ def test_a_parameter_within_its_tolerance_is_no_effect():
     assert report.model.section.EI == pytest.approx(1.01 * BEAM.section.EI, rel=1e-3)
     assert report.gap.before > 10 and report.gap.after < 1.1
     # The noise of four sensors is known to a few per cent, and some values were fitted.
-    assert 0.8 < report.within < 1.1
+    assert 0.8 < report.with_modes < 1.1
     assert "With higher modes" not in report.sentence  # they fit as they are
     worst, *others = report.sensor_errors
     off = replace(report, sensor_errors=(replace(worst, after=5.0), *others))
-    assert f"damping it is {report.within:.2g} times the noise" in off.sentence
-    assert "With higher modes" not in replace(off, within=2.0).sentence
+    assert f"damping it is {report.with_modes:.2g} times the noise" in off.sentence
+    assert "With higher modes" not in replace(off, with_modes=2.0).sentence
 
 
 @pytest.mark.study

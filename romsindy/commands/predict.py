@@ -312,6 +312,11 @@ def _forced(
     if np.size(force) != wanted:
         remedy = "one" if wanted == 1 else "one for each coordinate, 0 where none acts"
         raise ValueError(f"--force has {np.size(force)} of {wanted} numbers: give {remedy}")
+    if sweep_rate and model.numbered:
+        raise ValueError(
+            f"--sweep-rate {sweep_rate:g}: how late a sweep jumps is known of one coordinate alone;"
+            " leave it out for the folds, at which a slow one does"
+        )
     what, unit, remark = _excitation(found, model)
     title = f"{what} of {', '.join(f'{f:g}' for f in np.atleast_1d(force))} {unit}"
     low, high = np.multiply(asked, _HERTZ).tolist() if asked else _usual(found, model)
@@ -436,12 +441,7 @@ def _late(
     folds: Sequence[Fold],
     sweep_rate: float,
 ) -> dict[Fold, Fold]:
-    """By fold, where sweeps at a rate, Hz/s, jump: up at some, down at the others.
-
-    Raises a ValueError for several coordinates.
-    """
-    if model.numbered:
-        raise ValueError("--sweep-rate: how late a sweep jumps is known of one coordinate alone")
+    """By fold, where sweeps at a rate, Hz/s, jump: up at some, down at the others."""
     found: dict[Fold, Fold] = {}
     for rate in (sweep_rate * _HERTZ, -sweep_rate * _HERTZ):
         if isinstance(response, ForcedBand):

@@ -126,7 +126,7 @@ class BeamRounds(Rounds):
     more: tuple[Names, Mapping[tuple[str, str], Array]] = (frozenset(), {})
     # What all sensors are left with beside explanations, over the noise, with higher modes as they
     # may be
-    within: dict[Names, float] = field(default_factory=dict)
+    with_modes: dict[Names, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -382,7 +382,7 @@ class BeamRounds(Rounds):
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
         tried = [t for t in found if t is not None]
-        self.within |= {t.names: t.rms for t in tried}
+        self.with_modes |= {t.names: t.rms for t in tried}
         weighed = weigh(tried, read, self.seen)
         return dict(zip((t.names for t in tried), weighed, strict=True))
 

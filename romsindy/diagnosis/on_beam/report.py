@@ -162,7 +162,7 @@ class BeamReport(StructureReport):
         Where the effect acts, if it is one that can be anywhere.
     loud : tuple of str
         Records in which other modes change the motion of the first: only all sensors tell of them.
-    within : float or None
+    with_modes : float or None
         What all sensors are left with, over the noise, where higher modes have the frequencies and
         the damping that fit best within what is known of them; None where that was not asked.
     """
@@ -172,7 +172,7 @@ class BeamReport(StructureReport):
     slack: Latitude
     place: PlaceOnBeam | None = None
     loud: tuple[str, ...] = ()
-    within: float | None = None
+    with_modes: float | None = None
 
     @property
     def verdict(self) -> str:
@@ -240,11 +240,11 @@ class BeamReport(StructureReport):
         They lose step by radians within what is known of them, and what is left is as large.
         """
         worst = max((e.after for e in self.sensor_errors), default=0.0)
-        if self.within is None or not self.within <= PREDICTED < worst:
+        if self.with_modes is None or not self.with_modes <= PREDICTED < worst:
             return super()._left
         return (
             f"{super()._left} With higher modes that fit best within what is known of their"
-            f" frequency and damping it is {self.within:.2g} times the noise over all sensors."
+            f" frequency and damping it is {self.with_modes:.2g} times the noise over all sensors."
         )
 
     @property
@@ -292,7 +292,7 @@ class BeamReport(StructureReport):
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
             "loud": list(self.loud),
-            "within": self.within,
+            "with_modes": self.with_modes,
         }
 
 

@@ -139,7 +139,7 @@ def diagnose_beam(
         slack=slack,
         place=place,
         loud=rounds.loud,
-        within=rounds.within.get(names_of(found.report.best)),
+        with_modes=rounds.with_modes.get(names_of(found.report.best)),
     )
 
 
