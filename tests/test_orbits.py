@@ -399,6 +399,19 @@ def test_jacobians_are_differences(kind):
     np.testing.assert_allclose(family.jacobian(u, 0.7), slopes, atol=1e-6)
 
 
+def test_orbits_side_by_side_are_those_one_by_one():
+    """What is kept of one question is no answer to another of the same numbers."""
+    balance = HarmonicBalance(model(EXAMPLE_MODEL.coefficients), 4)
+    c = np.random.default_rng(1).normal(size=(1, 9, 1))
+    together, alone = balance.linearise(c, np.array([6.0])), balance.linearise(c[0], 6.0)
+    for several, one in zip(together, alone, strict=True):
+        assert several.shape == (1, *one.shape)
+        np.testing.assert_allclose(several[0], one, rtol=1e-12)
+    other = balance.residual(c[0], 7.0)
+    np.testing.assert_allclose(other, balance.linearise(c[0], 7.0)[0], rtol=1e-12)
+    assert np.abs(other - alone[0]).max() > 1.0
+
+
 def test_magnus_steps_are_of_fourth_order(monkeypatch):
     curve = backbone_curve(EXAMPLE_MODEL.undamped(), (1.0, 1.5), n_harmonics=11)
     c = np.zeros((1, 23))

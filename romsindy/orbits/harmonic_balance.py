@@ -29,7 +29,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import factorial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,6 +79,19 @@ def uniform_basis(n_harmonics: int) -> FourierBasis:
     return FourierBasis.at(2 * np.pi * np.arange(n) / n, n_harmonics)
 
 
+_Key: TypeAlias = tuple[tuple[int, ...], bytes, bytes]  # of series and frequencies
+
+
+class _Samples(NamedTuple):
+    """A motion at the samples, and `Equations.residual_and_slopes` there."""
+
+    motion: tuple[Array, Array, Array]
+    force: Array
+    by_q: Array
+    by_q_dot: Array
+    by_q_ddot: Array
+
+
 class HarmonicBalance:
     """Fourier coefficients of a model's residual along periodic motions up to harmonic H.
 
@@ -93,6 +106,7 @@ class HarmonicBalance:
         self.basis = uniform_basis(n_harmonics)
         jumping = [pair for pair in model.pairs if not pair[0].smooth]
         self._jumping = jumping if model.n_coordinates == 1 else []
+        self._last: tuple[_Key, _Samples] | None = None
 
     @property
     def n_coordinates(self) -> int:
@@ -119,17 +133,22 @@ class HarmonicBalance:
 
     def residual(self, c: Array, omega: float) -> Array:
         """Coefficients of the left sides of the equations, (m,)."""
-        return (self.basis.projection @ self._sampled(c, omega)[0]).ravel()
+        return (self.basis.projection @ self._sampled(c, omega).force).ravel()
 
-    def _sampled(self, c: Array, omega: float | Array) -> tuple[Array, Array, Array, Array]:
-        """`Equations.residual_and_slopes` at the samples."""
+    def _sampled(self, c: Array, omega: float | Array) -> _Samples:
+        """A motion and its `Equations.residual_and_slopes`; kept, for what else is asked of it."""
+        key = c.shape, c.tobytes(), np.asarray(omega).tobytes()
+        if self._last is not None and self._last[0] == key:
+            return self._last[1]
         q, q_dot, q_ddot = motion = self.motion(c, omega)
         force, by_q, by_q_dot, by_q_ddot = self.model.residual_and_slopes(*motion)
         for law, value in self._jumping:
             cell = law.averaged(q, q_dot, 0.0, self._half(q_ddot, omega))  # type: ignore[attr-defined]
             force = force + value * (cell.force - law.damping(q, q_dot))
             by_q_dot = by_q_dot + value * cell.by_q_dot[..., None]
-        return force, by_q, by_q_dot, by_q_ddot
+        found = _Samples(motion, force, by_q, by_q_dot, by_q_ddot)
+        self._last = key, found
+        return found
 
     def _half(self, rate: Array, omega: float | Array) -> Array:
         """By how much what changes at a rate (..., n_samples, R) does so in half a sample."""
@@ -141,8 +160,7 @@ class HarmonicBalance:
         Of series (..., 2 H + 1, R) at frequencies (...).
         """
         b, w = self.basis, np.asarray(omega)[..., None, None]
-        _, q_dot, q_ddot = self.motion(c, omega)
-        force, by_q, by_q_dot, by_q_ddot = self._sampled(c, omega)
+        (_, q_dot, q_ddot), force, by_q, by_q_dot, by_q_ddot = self._sampled(c, omega)
         # (..., n_samples, R equations, 2 H + 1, R coordinates)
         values, first, second = (x[:, None, :, None] for x in (b.values, b.first, b.second))
         by_c = (
@@ -166,7 +184,7 @@ class HarmonicBalance:
         q_dot changes as c does, and q_ddot by twice that of the derivative by time.
         """
         b, w = self.basis, np.asarray(omega)[..., None, None, None]
-        _, _, by_q_dot, by_q_ddot = self._sampled(c, omega)
+        _, _, _, by_q_dot, by_q_ddot = self._sampled(c, omega)
         values, first = (x[:, None, :, None] for x in (b.values, b.first))
         by_c = by_q_dot[..., None, :] * values + (2 * w * by_q_ddot)[..., None, :] * first
         lead, m = c.shape[:-2], c.shape[-2] * c.shape[-1]
