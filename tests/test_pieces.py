@@ -93,6 +93,18 @@ def test_one_piece_is_the_record(record):
     np.testing.assert_array_equal(piece.residuals[0], whole.residuals[0])
 
 
+def test_a_rough_fit_ends_where_long_steps_lead_astray_and_short_ones_nowhere(record):
+    """Inertia in the place of a stiffness: no more of its steps is worth what one takes."""
+    wrong = {k: v for k, v in TRUTH.items() if "gamma" not in k and "V" not in k}
+    model = CoupledModel.from_coefficients(wrong | {"g(q1^2)^2": 0.1}, unit="m")
+    parts, pieces = free_coefficients(model, list(model.coefficients)), record.pieces(5)
+    few, many = (fit(model, parts, pieces, rough=1e-3, iterations=n) for n in (5, 50))
+    assert not many.converged and many.chi_squared == few.chi_squared
+    # To the last digit it goes on, to and fro.
+    few, many = (fit(model, parts, pieces, iterations=n) for n in (5, 16))
+    assert not many.converged and many.chi_squared != few.chi_squared
+
+
 @pytest.mark.study
 @pytest.mark.slow
 def test_a_report_of_pieces_says_so(record):

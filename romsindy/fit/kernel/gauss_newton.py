@@ -54,8 +54,9 @@ def fit(
 
     It starts from the values of the parts, and from some motions: by default the smoothed
     measurement. ``fixed``: initial states, and strengths that differ between records, only. It ends
-    where a step changes chi-square by less than the ``rough`` part of what is left beyond the
-    noise: where the form of the equation decides, no digit of its values matters.
+    where a step, or one that had to be shortened, changes chi-square by less than the ``rough``
+    part of what is left beyond the noise: where the form of the equation decides, no digit of its
+    values matters.
     """
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
@@ -63,6 +64,11 @@ def fit(
     last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
     loudest = max(r.amplitude for r in records)
     kept: _Iterate | None = None
+    back = False  # whether the last step was shortened
+
+    def little(chi_squared: float) -> float:
+        return rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
+
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
             system, responses, _ = _linearised(model, parts, records, motions)
@@ -73,8 +79,12 @@ def fit(
                     break
                 kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
                 parts, motions = kept.moved()
-                system = kept.system  # should this be the last step
+                system, back = kept.system, True  # should this be the last step
                 continue
+            gained = kept.system.power - system.power if kept is not None and back else np.inf
+            if kept is not None and max(gained, 0.0) < little(kept.system.power):
+                break  # long steps lead astray, and short ones nowhere
+            back = False
             if not system.finite:
                 return _failed(parts, motions, n_values)
             step = system.bounded_step(
@@ -94,7 +104,7 @@ def fit(
             kept = _Iterate(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
-        beyond = rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
+        beyond = little(chi_squared)
         near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
         # Along a valley of values that make up for one another a step leaves the curved floor.
         converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
