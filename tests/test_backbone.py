@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from oracles import duffing_frequency, falling_decay, viscous_decay
 
-from romsindy import Decay, ReducedModel, example_decay, extract_backbone
+from romsindy import Decay, ReducedModel, example_decay, extract_backbone, inspect
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.record.recording import Recording
 
 
 def bare(decay):
@@ -77,6 +78,30 @@ def test_standard_errors_hold_in_coloured_noise(colour):
     assert np.all(share > 0.85), share
     if colour == 0:  # those of the local fits alone, which know white noise
         assert np.median(wider) < 1.1 * 1.56e-4
+
+
+@pytest.mark.parametrize(
+    "derivative", [pytest.param(1, marks=pytest.mark.slow), 2], ids=["velocity", "acceleration"]
+)
+def test_standard_errors_hold_of_what_a_recording_shows(derivative):
+    """White noise of a sensor at 30 dB, which is filtered and integrated with the vibration.
+
+    A pole p: the k-th derivative of exp(p t) is p^k exp(p t). Of twelve records, as above.
+    """
+    rng, omega, zeta = np.random.default_rng(11), 2 * np.pi * 20, 0.004
+    t, rate = np.arange(0, 5, 1 / 600), omega * np.sqrt(1 - zeta**2)
+    pole = complex(-zeta * omega, rate)
+    pure, inside = np.real(pole**derivative * np.exp(pole * t + 1j)), []
+    for _ in range(12):
+        noisy = pure + 10 ** (-30 / 20) * pure.std() * rng.standard_normal(len(t))
+        quantity = ("displacement", "velocity", "acceleration")[derivative]
+        (decay,) = inspect(Recording(t, noisy, quantity=quantity, unit="m")).decays()
+        b = extract_backbone(decay)
+        loud = np.exp(-zeta * omega * b.t) > 3 * 10 ** (-30 / 20) * pure.std() / omega**derivative
+        off = (b.frequency - rate) / b.frequency_std, (b.damping_ratio - zeta) / b.damping_ratio_std
+        inside.append(np.abs(np.array(off)[:, loud]) < 2)
+    share = np.concatenate(inside, axis=1).mean(axis=1)
+    assert np.all(share > 0.88), share  # four standard errors less than 95 %
 
 
 def test_asymmetric_peaks():

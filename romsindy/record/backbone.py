@@ -134,6 +134,8 @@ _LAGS = 128  # half-cycles, beyond which errors are not alike
 _ALONE, _OWN = 0.03, 1e-6
 # Frequencies of noise that are heard, in fundamentals, and how many are looked at.
 _HIGHEST, _FREQUENCIES = 30, 3000
+# How near the fundamental noise is followed with the vibration, in fundamentals; measured.
+_FOLLOWED = 0.1
 
 Power = Callable[[Array], Array]
 
@@ -153,13 +155,20 @@ def noise_behind(decay: Decay, number: Array, at: Array) -> Power:
     motion = HarmonicSpline.along(phase, part.t, part.signal, _KNOTS)
     cycle = float((at[-1] - at[0]) / (number[-1] - number[0]))
     order, power = lines_between(part.signal - motion(part.t)[0], cycle / decay.dt)
+    if decay.slowest:  # what was filtered says nothing of what was not
+        order, power = order[order > 1], power[order > 1]
     spectrum = Spectrum.between_harmonics(order, power, cycle)
-    times, slowest, highest = decay.derivative, 1 / (2 * MIDLINE * cycle), 0.5 / decay.dt
+    times, highest = decay.derivative, 0.5 / decay.dt
 
     def integrated(frequency: Array) -> Array:
-        # Cubic splines take off what is slower than two of their knots.
-        slow = (slowest / frequency) ** 8
-        kept = ((2 * np.pi * frequency) * (1 + slow)) ** (-2 * times) if times else 1.0
+        if decay.slowest:
+            # Third order, both ways, before every integration and after the last; but for the
+            # vibration as it was followed, with what noise is so near it.
+            slow = (decay.slowest / frequency) ** 6 * (np.abs(frequency * cycle - 1) > _FOLLOWED)
+            kept = (2 * np.pi * frequency) ** (-2 * times) * (1 + slow) ** (-2 * (1 + times))
+        else:  # cubic splines take off what is slower than two of their knots
+            slow = (1 / (2 * MIDLINE * cycle * frequency)) ** 8
+            kept = (2 * np.pi * frequency * (1 + slow)) ** (-2 * times)
         return decay.dt * spectrum(frequency) * kept * (frequency < highest)
 
     return integrated

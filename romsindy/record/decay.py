@@ -69,6 +69,9 @@ class Decay(Measurement):
         It counts as noise when a model is judged.
     beside : float
         Largest acceleration of these other vibrations, as a part of its own.
+    slowest : float
+        Hz, below which a velocity or an acceleration was filtered, and what is integrated from it;
+        0 where none was.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class Decay(Measurement):
     stage: Stage = "raw"
     leftover: float = 0.0
     beside: float = 0.0
+    slowest: float = 0.0
 
     def __post_init__(self) -> None:
         for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):

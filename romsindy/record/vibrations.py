@@ -536,6 +536,7 @@ def isolated(
         stage="free",
         leftover=float(leftover),
         beside=max((v.acceleration for v in told), default=0.0) / own.acceleration,
+        slowest=_slowest(own),
         **signals,
     )
 
@@ -564,7 +565,7 @@ def _without_bands(
 
 
 def _filtered(x: Array, band: float | tuple[float, float], kind: str, dt: float) -> Array:
-    """Zero-phase Butterworth filter of the third order; frequencies in Hz."""
+    """Zero-phase Butterworth filter, of the third order each way; frequencies in Hz."""
     return np.asarray(sosfiltfilt(butter(3, band, kind, fs=1 / dt, output="sos"), x), float)
 
 
@@ -604,7 +605,7 @@ def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array
     """
     if own.derivative == 0:
         return x, x, own(t)
-    dt, slow = float(t[1] - t[0]), _SLOW * float(own.frequency.min())
+    dt, slow = float(t[1] - t[0]), _slowest(own)
     rest = _filtered(x - own(t), slow, "highpass", dt)
     tones = [own.tone, *(tone for _, tone in own.harmonics)]
     q: Array = sum((_integrated(tone, t, own.derivative) for tone in tones), np.zeros(len(t)))
@@ -614,6 +615,11 @@ def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array
             cumulative_trapezoid(integral, dx=dt, initial=0.0), slow, "highpass", dt
         )
     return own(t) + rest, q + integral, q
+
+
+def _slowest(own: Vibration) -> float:
+    """Hz, below which a velocity or an acceleration is filtered; 0 for a displacement."""
+    return _SLOW * float(own.frequency.min()) if own.derivative else 0.0
 
 
 def _integrated(tone: Ridge, t: Array, times: int) -> Array:

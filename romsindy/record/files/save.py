@@ -18,7 +18,7 @@ from romsindy.record.files.columns import named, refused
 
 _STREAMS = ("dev", "proc")  # folders of what is no file, or another name of an open one
 _RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}  # after the unit of q
-_FIELDS = ("unit", "measured", "stage", "notes", "leftover", "beside")
+_FIELDS = ("unit", "measured", "stage", "notes", "leftover", "beside", "slowest")
 _MARK = "# romsindy "  # first line of a CSV that `save_decay` wrote
 
 
