@@ -19,6 +19,7 @@ from romsindy.effects import (
 from romsindy.effects.base import Scales, State
 from romsindy.fit.kernel.collocation import Grid, integrate
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
+from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import free_parts
 from romsindy.fit.kernel.linear_response import nodes, sensitivity
 from romsindy.fit.kernel.part import Part, moved_parts
@@ -330,6 +331,44 @@ def test_tuned_mass_is_named_where_records_begin_after_the_release():
     (found,) = report.effects
     truth = {"strength": 2e-3, "frequency": W / (2 * np.pi), "damping_ratio": ZETA}
     assert found.values == pytest.approx(truth, rel=0.1)
+
+
+@pytest.mark.parametrize("law", [MaxwellElement(0.1), TunedMass(W, ZETA)], ids=["maxwell", "mass"])
+def test_what_is_remembered_at_the_start_changes_without_a_jump(law):
+    """From a release at rest to a vibration that has gone on for long, by the phase of the start.
+
+    Of q = Re exp(i omega t) the inner state is that of the forced vibration, by its transfer
+    function.
+    """
+    by_q, by_q_dot = law.gains
+
+    def forced(angle):
+        z = [(by_q + s * by_q_dot) / (s - law.pole) for s in (1j * OMEGA, -1j * OMEGA)]
+        found = (z[0] * np.exp(1j * angle) + z[1] * np.exp(-1j * angle)) / 2
+        return [found.real, found.imag]
+
+    angles = np.arange(0, np.pi / 2, 1e-3)
+    z = np.array([law.begun(np.cos(a), -OMEGA * np.sin(a), OMEGA) for a in angles])
+    rested = law.rested(1.0)
+    np.testing.assert_allclose(z[0], [rested.real, rested.imag], atol=1e-12)
+    late = np.flatnonzero(np.sin(angles) > 0.2)
+    expected = [forced(a) for a in angles[late]]
+    np.testing.assert_allclose(z[late], expected, atol=1e-9 * np.abs(z).max())
+    # The least that the whole way takes in a tenth of a radian, and four times as much.
+    assert np.abs(np.diff(z, axis=0)).max() < 4 * 1e-3 / 0.1 * np.abs(z).max()
+
+
+def test_a_record_that_begins_late_settles_wherever_the_second_mass_is():
+    """Also where the motion begins neither at rest nor moving: there its start must not matter."""
+    law = SmallMass(W, ZETA, late=True)
+    for begun in range(20, 60, 3):
+        q = motion("tuned_mass", 1.0)[begun : begun + 1500]
+        decay = rs.add_noise(rs.Decay(T[: len(q)], q, unit="mm"), 40, begun)
+        (record,) = prepared([decay], "mm")
+        part = Part(law, (), np.array([[2e-3, 0.0, 0.0]]))
+        found = fit(MODEL, [part], [record], fixed=True, iterations=6)
+        assert found.converged
+        assert found.chi_squared < 1.2 * len(q)
 
 
 # -- laws that remember, in models and in their fits ---------------------------------------------

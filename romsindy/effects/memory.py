@@ -62,8 +62,13 @@ class MemoryEffect(Effect):
 
     def along(self, state: State, size: float = 1.0) -> tuple[Array, Memory]:
         """The law along a motion of this size, (n,), and what is remembered at its end."""
-        law = self.remembering
-        return law.along(state.t, size * state.q, size * state.q_dot, state.rate, state.memory)
+        motion = state.t, size * state.q, size * state.q_dot
+        return self.remembering.along(*motion, state.rate, state.memory, self.started)
+
+    @property
+    def started(self) -> Array | None:
+        """Inner state (m,) at the start of a motion; None for that of a vibration."""
+        return None
 
     def forces(self, state: State) -> Array:
         """The law along the motion."""
@@ -226,6 +231,11 @@ class SmallMass(MemoryEffect):
     def forms(self, scales: Scales) -> tuple[Effect, ...]:
         """As a release leaves it, and as a later start of the record may find it."""
         return (self, replace(self, late=True))
+
+    @property
+    def started(self) -> Array | None:
+        """Nothing: its own free vibration makes up for any start, whatever the motion is there."""
+        return np.zeros(2) if self.late else None
 
     def forces(self, state: State) -> Array:
         """The law along the motion, and what its free vibration adds."""

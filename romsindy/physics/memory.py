@@ -28,7 +28,9 @@ from romsindy.typing import Array
 
 _SLIDERS = 16  # of a joint; their slips are told apart to 1/16 of the number of them
 _TABLE = 2000  # points of the loop of Bouc and Wen, each half; between them it is linear
-_RELEASED = 0.1  # a motion that begins at less than this part of its largest speed begins at rest
+# A motion that begins at less than this part of its largest speed begins at rest; at twice as much
+# it has vibrated for long.
+_RELEASED = 0.1
 _TURNING = 0.5  # one that begins within 30 degrees of where it turns was let go there
 
 
@@ -100,15 +102,22 @@ class MemoryLaw(Term):
         """Force for a unit of the coefficient, (n,)."""
 
     def along(
-        self, t: Array, q: Array, q_dot: Array, rate: float, memory: Memory | None = None
+        self,
+        t: Array,
+        q: Array,
+        q_dot: Array,
+        rate: float,
+        memory: Memory | None = None,
+        start: Array | None = None,
     ) -> tuple[Array, Memory]:
         """Force along a motion (n,), and what is remembered at its end.
 
         The motion goes on from the ``memory`` of what was before; one that begins is a vibration of
-        angular frequency ``rate``, rad/s.
+        angular frequency ``rate``, rad/s, unless its inner state at the ``start`` (m,) is given.
         """
         if memory is None:
-            inner = self.carried(t, q, q_dot, self.begun(float(q[0]), float(q_dot[0]), rate))
+            start = self.begun(float(q[0]), float(q_dot[0]), rate) if start is None else start
+            inner = self.carried(t, q, q_dot, start)
         else:
             x = np.column_stack([memory[:3], np.stack([t, q, q_dot])])
             inner = self.carried(x[0], x[1], x[2], memory.inner)[:, 1:]
@@ -322,12 +331,12 @@ class FadingLaw(MemoryLaw):
 
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
         a = q - 1j * q_dot / rate
-        if abs(a.imag) < _RELEASED * abs(a):
-            z = self.rested(q)
-        else:
-            by_q, by_q_dot = self.gains
-            f = (by_q + 1j * rate * by_q_dot) * a
-            z = (f / (1j * rate - self.pole) + np.conj(f) / (-1j * rate - self.pole)) / 2
+        by_q, by_q_dot = self.gains
+        f = (by_q + 1j * rate * by_q_dot) * a
+        z = (f / (1j * rate - self.pole) + np.conj(f) / (-1j * rate - self.pole)) / 2
+        # From one to the other without a jump: a fit moves the start to and fro.
+        moving = min(max(abs(a.imag) / (_RELEASED * max(abs(a), 1e-300)) - 1, 0.0), 1.0)
+        z = moving * z + (1 - moving) * self.rested(q)
         return np.array([z.real, z.imag])
 
     def rates(self, q: float, q_dot: float, inner: Array) -> Array:
