@@ -16,7 +16,8 @@ from scipy.linalg import cho_factor, cho_solve, expm
 import romsindy as rs
 from romsindy.diagnosis.decay_search import ProcessNoise
 from romsindy.diagnosis.difference import Tolerance
-from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, offsets, weights
+from romsindy.diagnosis.gap import foretold
 from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
@@ -354,3 +355,31 @@ def test_without_a_motion_nothing_is_weighed():
     (alone,) = ProcessNoise().ranked([without])
     assert (alone.noise, alone.score) == (NO_FORM_ERROR, np.inf)
     assert ProcessNoise().ranked([without, with_motion])[0].weighed is not None
+
+
+def test_what_is_foretold_is_the_evidence_of_both_records_over_that_of_one():
+    """p(b | a) = p(a, b) / p(a), each by a fit of its own: Laplace's method, values unknown before.
+
+    Starts and zeros of either record are fitted in all, so that they cancel but for those of b.
+    """
+    decays = [wandering(seed, 0.0, lambda q, v: 0.1 * abs(v) * v, snr_db=30) for seed in (3, 4)]
+    a, b = (Record.loud(d, 0.0) for d in decays)
+    effect = EFFECTS["quadratic_drag"]
+
+    def fitted(records):
+        shown = scales(records)
+        parts = [Part.of(e, shown, len(records)) for e in (LinearFrequency(), Viscous())]
+        drag = replace(Part.of(effect, shown, len(records), effect.parameters(shown)[0].starts[:1]))
+        found = fit(MODEL, [*parts, drag, offsets(records)], records)
+        assert found.converged
+        return Hypothesis.of(MODEL, found, 2, records)
+
+    one, both = fitted([a]), fitted([a, b])
+
+    def information(h):
+        return np.linalg.slogdet(np.linalg.inv(h.solution.covariance[:4, :4]))[1]
+
+    left = both.solution.chi_squared - one.solution.chi_squared
+    expected = left + information(both) - information(one)
+    # Of chi-squares of 1500; motions are linear in their values but for a part in a hundred.
+    assert foretold(MODEL, one, {"b": b}) == pytest.approx(expected, abs=0.1)

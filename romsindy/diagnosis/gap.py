@@ -14,7 +14,7 @@ from romsindy.diagnosis.evidence import Hypothesis, offsets
 from romsindy.effects import Bias
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
-from romsindy.fit.kernel.gauss_newton import fit
+from romsindy.fit.kernel.gauss_newton import fit, linear_table
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part, read
 from romsindy.fit.kernel.prepared import Prepared, part_of
@@ -298,6 +298,63 @@ def misfit_of(
     return np.concatenate(left)
 
 
+def foretold(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> float:
+    """Minus twice the log likelihood of records by what fits to others say, but for a constant.
+
+    Chi-square where values may be off as far as their errors let them, and what these leave open:
+    log det(1 + S G), with S their covariance and G what the records say of them. Where a motion is
+    lost the values stand as they are.
+    """
+    near, n = motions_of(hypothesis), len(hypothesis.covariance)
+    products = np.zeros((n + 1, n + 1))
+    for name, record in tests.items():
+        rows = _rows_of(model, hypothesis.parts, record, near.get(name))
+        if rows is None:
+            return float(np.sum(misfit_of(model, hypothesis, tests) ** 2))
+        products += rows.T @ rows
+    sizes, axes = np.linalg.eigh(hypothesis.covariance)
+    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    whole, pull = np.eye(n) + root.T @ products[:n, :n] @ root, root.T @ products[:n, n]
+    least = products[n, n] - pull @ np.linalg.solve(whole, pull)
+    return float(least + np.linalg.slogdet(whole)[1])
+
+
+def _rows_of(
+    model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
+) -> Array | None:
+    """Derivatives of a record by all values, then its misfit, (n, m + 1): what its own fit leaves.
+
+    Its start, its zero and what is its own of the parts are fitted. None where a motion is lost.
+    """
+    same = [p.elsewhere(record.t) for p in parts]
+    start = None if near is None else [near]
+    with np.errstate(all="ignore"):
+        given = (model, _with_zero(same, record), [record], start)
+        found = fit(*given, fixed=True, iterations=_ITERATIONS)
+        table = linear_table(model, found.parts, 0, record, found.motions[0])[1]
+    if not (found.converged and np.all(np.isfinite(table))):
+        return None
+    rows, at, first = np.zeros((len(table), sum(p.size for p in parts) + 1)), 0, 0
+    rows[:, -1], own = table[:, -1], np.ones(table.shape[1] - 1, bool)
+    for part, there in zip(parts, same, strict=True):
+        n, k = part.strengths.size, there.strengths.size
+        strengths = np.flatnonzero(part.shared[:k])
+        columns = np.concatenate([strengths, k + np.arange(part.shape.size)])
+        places = np.concatenate([strengths, n + np.arange(part.shape.size)])
+        rows[:, first + places], own[at + columns] = table[:, at + columns], False
+        first, at = first + part.size, at + there.size
+    fitted = table[:, :-1][:, own]
+    basis = np.linalg.svd(fitted / np.maximum(np.linalg.norm(fitted, axis=0), 1e-300), False)[0]
+    return np.asarray(rows - basis @ (basis.T @ rows))
+
+
+def _with_zero(parts: Sequence[Part], record: Record) -> list[Part]:
+    """The zero of the sensor is as free as the start."""
+    if any(isinstance(p.effect, Bias) for p in parts):
+        return [*parts]
+    return [*parts, offsets([record])]
+
+
 def motions_of(hypothesis: Hypothesis) -> dict[str, Trajectory]:
     """Fitted motions by the names of their records."""
     return {name_of(i): m for i, m in enumerate(hypothesis.solution.motions)}
@@ -306,10 +363,7 @@ def motions_of(hypothesis: Hypothesis) -> dict[str, Trajectory]:
 def _followed(
     model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
 ) -> Array:
-    same = [p.elsewhere(record.t) for p in parts]
-    # The zero of the sensor is as free as the start.
-    if not any(isinstance(p.effect, Bias) for p in same):
-        same.append(offsets([record]))
+    same = _with_zero([p.elsewhere(record.t) for p in parts], record)
     with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
         found = _simulated(model, same, record, near)
     most = _FAR * float(np.abs(record.signal).max())

@@ -18,7 +18,7 @@ import numpy as np
 
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.gap import misfit_of
+from romsindy.diagnosis.gap import foretold, misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch, driven_instead
 from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.kernel.gauss_newton import fit
@@ -93,7 +93,7 @@ class Validation:
                 break
             first = min(left, key=lambda i: scores[i])
             compared[first] = self.search.settled(compared[first]).at(form)
-            misfits[first] = float(np.sum(self._left(compared[first]) ** 2))
+            misfits[first] = self._foretold(compared[first])
         least = min(misfits.values())
         if len(misfits) == 1 and any(h is compared[i] for h in found.compared for i in misfits):
             return found, least  # as the search left it
@@ -137,9 +137,10 @@ class Validation:
                 if not apart and fewer[i].at(best.noise).score - best.score > UNJUDGED:
                     break  # no one could tell here, and the fits do
                 found = self.search.finding(best, found)
-                other = self._tested(fewer[i], misfit, least)
+                other = self._tested(fewer[i], self._foretold(fewer[i]), least)
                 return replace(found, rivals=[*found.rivals, other]), False
-            best, left = self._tested(fewer[i], misfit, least), without[i]
+            best = self._tested(fewer[i], self._foretold(fewer[i]), least)
+            left = without[i]
         return self._with(found, best), False
 
     def _with(self, found: Finding, best: Hypothesis) -> Finding:
@@ -149,6 +150,9 @@ class Validation:
         """What a hypothesis leaves, or ``bare`` of its effects."""
         parts = hypothesis.parts[: hypothesis.n_free] if bare else None
         return misfit_of(self.search.model, hypothesis, self.records, parts)
+
+    def _foretold(self, hypothesis: Hypothesis) -> float:
+        return foretold(self.search.model, hypothesis, self.records)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float, least: float) -> Hypothesis:
         beyond = (misfit - least) / self._scale(least) - AS_GOOD if self.unseen else 0.0
