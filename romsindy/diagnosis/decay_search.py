@@ -365,16 +365,30 @@ class DecaySearch(Search):
         return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.noise))
 
     def _replaced(self, base: Hypothesis, best: Hypothesis) -> list[Hypothesis]:
-        """Where several effects were accepted: siblings of each in its place."""
+        """Where several effects were accepted: siblings of each in its place.
+
+        And those of what is likelier with one of them, until nothing is.
+        """
         if len(best.effects) < 2:
             return []
-        first = self._screened(base)
-        singles = {s.effect.name: s for s in reversed(first.singles())}
+        screening, seen, tried = self._screened(base), list[Hypothesis](), list[set[str]]()
+        while True:
+            named = [({p.effect.name for p in t}, t) for t in self._siblings(best, screening)]
+            new = [(names, t) for names, t in named if names not in tried]
+            if not new:
+                return seen
+            tried += [names for names, _ in new]
+            seen += self.fitted([t for _, t in new])
+            best = self.ranked([best, *seen])[0]
+
+    def _siblings(self, best: Hypothesis, screening: Screening) -> list[list[Part]]:
+        """The effects of a hypothesis, each once with what it looks like in its place."""
+        singles = {s.effect.name: s for s in reversed(screening.singles())}
         used = {p.effect.name for p in best.effects}
         trials = []
         for i, part in enumerate(best.effects):
             for name in sorted(look_alikes(part.effect.name, self.options.catalogue) - used):
                 if name in singles:
-                    other = self._part(singles[name], first)
+                    other = self._part(singles[name], screening)
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
-        return self.fitted(trials)
+        return trials
