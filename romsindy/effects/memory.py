@@ -10,6 +10,7 @@ import numpy as np
 from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.physics.memory import (
     BoucWen,
+    FadingLaw,
     MaxwellElement,
     Memory,
     MemoryLaw,
@@ -98,6 +99,15 @@ class MemoryEffect(Effect):
         by_q_dot = (by_size * q_dot - by_time * q) / swing
         return strengths[0] * by_q, strengths[0] * by_q_dot, 0.0
 
+    def changes(self, state: State, q: Array, q_dot: Array) -> Array:
+        """What small changes (n, m) of the motion do to the force, (n, m)."""
+        force, found = self.along(state)[0], np.empty_like(q)
+        for column, d, v in zip(found.T, q.T, q_dot.T, strict=True):
+            small = _SMALL * np.abs(state.q).max() / max(float(np.abs(d).max()), 1e-300)
+            near = state._replace(q=state.q + small * d, q_dot=state.q_dot + small * v)
+            column[:] = (self.along(near)[0] - force) / small
+        return found
+
     def strength_unit(self, unit: str | None) -> str:
         return self.law.unit(unit)
 
@@ -185,8 +195,40 @@ class Backlash(SlidingEffect):
         )
 
 
+class FadingEffect(MemoryEffect):
+    """A force that is linear in the motion so far."""
+
+    law: ClassVar[FadingLaw]
+
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        """Of vibrations that grow by a factor of e over the record.
+
+        A force that lasts longer than a beat is no matter of the amplitude then: over that of a
+        beat that has nearly gone out, it is without bound.
+        """
+        if len(state.t) < 2:
+            return 0.0, 0.0, 0.0
+        law: Any = self.remembering
+        s = complex(1 / (state.t[-1] - state.t[0]), state.rate)
+        force = law.transfer(s)
+        by_q_dot = force.imag / s.imag
+        return strengths[0] * (force.real - by_q_dot * s.real), strengths[0] * by_q_dot, 0.0
+
+    def changes(self, state: State, q: Array, q_dot: Array) -> Array:
+        law: Any = self.remembering
+        first = np.zeros(q.shape[1], complex)
+        if self.started is None:
+            at = np.array([state.q[0], state.q_dot[0]])
+            small = _SMALL * np.abs([state.q, state.q_dot]).max(axis=1)
+            for x, step, change in zip(np.diag(small), small, (q[0], q_dot[0]), strict=True):
+                both = (law.begun(*(at + way * x), state.rate) for way in (1, -1))
+                real, imaginary = np.subtract(*both) / (2 * step)
+                first += complex(real, imaginary) * change
+        return np.asarray(law.changes(state.t, q, q_dot, first))
+
+
 @dataclass(frozen=True)
-class Viscoelastic(MemoryEffect):
+class Viscoelastic(FadingEffect):
     """A Maxwell element."""
 
     relaxation: float = 1.0
@@ -205,7 +247,7 @@ class Viscoelastic(MemoryEffect):
 
 
 @dataclass(frozen=True)
-class SmallMass(MemoryEffect):
+class SmallMass(FadingEffect):
     """A small mass on a spring, near the frequency of the vibration."""
 
     frequency: float = 1.0

@@ -329,6 +329,10 @@ class FadingLaw(MemoryLaw):
     def rested(self, q: float) -> complex:
         """z where q has been at rest for long."""
 
+    @abstractmethod
+    def transfer(self, s: complex) -> complex:
+        """Force over q of motions that go as exp(s t), s in 1/s."""
+
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
         a = q - 1j * q_dot / rate
         by_q, by_q_dot = self.gains
@@ -345,19 +349,31 @@ class FadingLaw(MemoryLaw):
         return np.array([z.real, z.imag])
 
     def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
+        z = self._carried(t, q[:, None], q_dot[:, None], np.array([complex(*inner)]))[:, 0]
+        return np.stack([z.real, z.imag])
+
+    def _carried(self, t: Array, q: Array, q_dot: Array, first: Array) -> Array:
+        """z along some motions (n, m), from the ``first`` ones (m,)."""
         by_q, by_q_dot = self.gains
-        d = np.diff(t)
+        d = np.diff(t)[:, None]
         # In the middle between two samples, by the cubic through q and q_dot there.
-        q_mid = (q[1:] + q[:-1]) / 2 - d * np.diff(q_dot) / 8
-        v_mid = 1.5 * np.diff(q) / d - (q_dot[1:] + q_dot[:-1]) / 4
+        q_mid = (q[1:] + q[:-1]) / 2 - d * np.diff(q_dot, axis=0) / 8
+        v_mid = 1.5 * np.diff(q, axis=0) / d - (q_dot[1:] + q_dot[:-1]) / 4
         f, f_mid = by_q * q + by_q_dot * q_dot, by_q * q_mid + by_q_dot * v_mid
         fade, half = np.exp(self.pole * d), np.exp(self.pole * d / 2)
         # Simpson's rule; z[i + 1] = fade[i] z[i] + gain[i]
         gain = d / 6 * (fade * f[:-1] + 4 * half * f_mid + f[1:])
-        band = np.stack([np.ones(len(q), complex), np.append(-fade, 0.0)])
-        gain = np.concatenate([[complex(inner[0], inner[1])], gain])
-        z, _ = ztbtrs(band, gain[:, None], uplo="L", diag="U")  # ones on its diagonal: it solves
-        return np.stack([z[:, 0].real, z[:, 0].imag])
+        band = np.stack([np.ones(len(q), complex), np.append(-fade[:, 0], 0.0)])
+        z, _ = ztbtrs(band, np.concatenate([first[None], gain]), uplo="L", diag="U")  # it solves
+        return np.asarray(z)
+
+    def changes(self, t: Array, q: Array, q_dot: Array, first: Array) -> Array:
+        """What small changes (n, m) of a motion do to its force, (n, m).
+
+        Those of z at the start are the ``first`` (m,).
+        """
+        z = self._carried(t, q, q_dot, first)
+        return self.force(q, q_dot, np.stack([z.real, z.imag]))
 
 
 @dataclass(frozen=True)
@@ -378,6 +394,9 @@ class MaxwellElement(FadingLaw):
 
     def rested(self, q: float) -> complex:
         return 0j
+
+    def transfer(self, s: complex) -> complex:
+        return s / (s - self.pole)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return inner[0]
@@ -411,6 +430,11 @@ class TunedMass(FadingLaw):
     def rested(self, q: float) -> complex:
         # The mass is at q too; the imaginary part of the state is its place times that of the pole.
         return q * complex(self.damping_ratio * self.frequency, self.pole.imag)
+
+    def transfer(self, s: complex) -> complex:
+        spring, damper = self.gains
+        carried = spring + damper * s
+        return s * s * carried / (s * s + carried)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         damped = self.pole.imag

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State, TermEffect
-from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.memory import FadingEffect, MemoryEffect
 from romsindy.fit.kernel.linear_steps import Linearisation
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
@@ -17,8 +17,6 @@ from romsindy.physics.coupling import Along, CoupledTerm
 from romsindy.physics.equations import Equations
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
-
-_SMALL = 1e-6  # of the motion: a change by which derivatives are taken
 
 
 def equation_of(
@@ -128,22 +126,24 @@ class ExtendedEquation:
 
     @property
     def remembers(self) -> bool:
-        """Whether forces of the model depend on the motion so far; derivatives are exact then."""
-        return bool(self.model.memories)
+        """Whether forces depend on the motion so far in a way of which derivatives are exact."""
+        return any(self._is_exact(part) for part in self._beside.values())
+
+    def _is_exact(self, part: Part) -> bool:
+        """All of a model, and those that are linear: what may be missing is looked for quickly."""
+        kind = MemoryEffect if self.model.memories else FadingEffect
+        return isinstance(part.effect, kind)
 
     def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
         """What small changes (n, 1, m) do to forces that remember, less what slopes say of it."""
         found = np.zeros((q.shape[2], *q.shape[:2]))
         for part, state in self._pulling(*motion).values():
-            if not isinstance(part.effect, MemoryEffect):
+            if not self._is_exact(part) or not isinstance(part.effect, MemoryEffect):
                 continue
-            own = part.own(self.record)
-            force, slopes = part.effect.along(state)[0], part.effect.slopes(state, own)
-            for row, d, v in zip(found[..., 0], q[:, 0].T, q_dot[:, 0].T, strict=True):
-                small = _SMALL * np.abs(state.q).max() / max(float(np.abs(d).max()), 1e-300)
-                near = state._replace(q=state.q + small * d, q_dot=state.q_dot + small * v)
-                row += own[0] * (part.effect.along(near)[0] - force) / small
-                row -= slopes[0] * d + slopes[1] * v
+            own, d, v = part.own(self.record), q[:, 0], q_dot[:, 0]
+            by_q, by_q_dot, _ = part.effect.slopes(state, own)
+            changes = own[0] * part.effect.changes(state, d, v)
+            found[..., 0] += (changes.T - by_q * d.T) - by_q_dot * v.T
         return found
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:

@@ -152,12 +152,19 @@ def _solved(
     if not (isinstance(equation, RememberingEquation) and equation.remembers):
         return q, q_dot, q_ddot
     at, (n, _, r, m) = nodes(motion), columns.shape
+    moving = np.arange(m)  # columns that still change
     for _ in range(_CORRECTIONS):
-        flat = at_nodes(system.h, *(x.reshape(*x.shape[:-2], -1) for x in (q, q_dot, q_ddot)))
-        missed = equation.beyond_slopes(at, *(x.reshape(-1, r, m) for x in flat))
-        before, beside = q, missed.transpose(1, 2, 0).reshape(n, 3, r, m)
-        q, q_dot, q_ddot = system.solve(columns - beside, start, jump)
-        if np.all(np.abs(q - before).max(axis=(0, 1)) <= _SAME * np.abs(q).max(axis=(0, 1))):
+        now = (x[..., moving] for x in (q, q_dot, q_ddot))
+        flat = at_nodes(system.h, *(x.reshape(*x.shape[:-2], -1) for x in now))
+        missed = equation.beyond_slopes(at, *(x.reshape(-1, r, len(moving)) for x in flat))
+        pushed = columns[..., moving] - missed.transpose(1, 2, 0).reshape(n, 3, r, len(moving))
+        shifted = None if jump is None else jump[..., moving]
+        before, solved = q[..., moving], system.solve(pushed, start[..., moving], shifted)
+        for x, new in zip((q, q_dot, q_ddot), solved, strict=True):
+            x[..., moving] = new
+        changed = np.abs(solved[0] - before).max(axis=(0, 1))
+        moving = moving[changed > _SAME * np.abs(solved[0]).max(axis=(0, 1))]
+        if not len(moving):
             break
     return q, q_dot, q_ddot
 
