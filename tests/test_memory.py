@@ -416,12 +416,19 @@ def fitted_parts(model, decay):
     return records[0], start, parts
 
 
-@pytest.mark.parametrize("name", ["jenkins", "tuned_mass"])
-def test_derivatives_of_a_motion_that_remembers(name):
-    model = model_with(name)
+@pytest.mark.parametrize(
+    ("name", "beside"),
+    [("jenkins", False), ("tuned_mass", False), ("tuned_mass", True), ("maxwell", True)],
+)
+def test_derivatives_of_a_motion_that_remembers(name, beside):
+    """Of laws of a model, and of linear ones that a hypothesis has beside its model."""
     t = T[:600]
     decay = rs.Decay(t, motion(name, 0.8)[: len(t)], unit="mm")
-    record, start, parts = fitted_parts(model, decay)
+    if beside:
+        (record,), start = prepared([decay], "mm"), MODEL
+        parts = (Part(CASES[name][0], (), np.full((1, 1), CASES[name][-1])),)
+    else:
+        record, start, parts = fitted_parts(model_with(name), decay)
     state, grid = record.motion.start, record.motion.grid
 
     def simulated(parts, state, guess=None):

@@ -371,7 +371,9 @@ class DecaySearch(Search):
         """
         if len(best.effects) < 2:
             return []
-        screening, seen, tried = self._screened(base), list[Hypothesis](), list[set[str]]()
+        screening = self._screened(base)
+        seen: list[Hypothesis] = []
+        tried: list[set[str]] = []
         while True:
             named = [({p.effect.name for p in t}, t) for t in self._siblings(best, screening)]
             new = [(names, t) for names, t in named if names not in tried]

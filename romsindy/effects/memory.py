@@ -219,7 +219,7 @@ class FadingEffect(MemoryEffect):
         first = np.zeros(q.shape[1], complex)
         if self.started is None:
             at = np.array([state.q[0], state.q_dot[0]])
-            small = _SMALL * np.abs([state.q, state.q_dot]).max(axis=1)
+            small = np.maximum(_SMALL * np.abs([state.q, state.q_dot]).max(axis=1), 1e-300)
             for x, step, change in zip(np.diag(small), small, (q[0], q_dot[0]), strict=True):
                 both = (law.begun(*(at + way * x), state.rate) for way in (1, -1))
                 real, imaginary = np.subtract(*both) / (2 * step)

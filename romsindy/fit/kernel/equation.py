@@ -138,7 +138,7 @@ class ExtendedEquation:
         """What small changes (n, 1, m) do to forces that remember, less what slopes say of it."""
         found = np.zeros((q.shape[2], *q.shape[:2]))
         for part, state in self._pulling(*motion).values():
-            if not self._is_exact(part) or not isinstance(part.effect, MemoryEffect):
+            if not (isinstance(part.effect, MemoryEffect) and self._is_exact(part)):
                 continue
             own, d, v = part.own(self.record), q[:, 0], q_dot[:, 0]
             by_q, by_q_dot, _ = part.effect.slopes(state, own)
