@@ -116,8 +116,8 @@ def fit(
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
     pairs = list(zip(records, residuals, strict=True))
-    if any(float(np.abs(e).max()) > _LOST * float(np.abs(r.signal).max()) for r, e in pairs):
-        return _failed(parts, motions, n_values)  # the last step led nowhere
+    if any(not float(np.abs(e).max()) <= _LOST * float(np.abs(r.signal).max()) for r, e in pairs):
+        return _failed(parts, motions, n_values)  # the last step led nowhere, or to nan
     return Solution(
         parts,
         tuple(motions),
