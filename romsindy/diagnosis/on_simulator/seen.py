@@ -185,6 +185,7 @@ class OnSimulator:
             unit=readings.unit,
             measured=readings.measured,
             leftover=readings.leftover,
+            slowest=readings.slowest,
         )
 
     def with_effects(self, parts: Sequence[Part]) -> tuple[Part, ...]:

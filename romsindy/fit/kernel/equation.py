@@ -126,7 +126,7 @@ class ExtendedEquation:
 
     @property
     def remembers(self) -> bool:
-        """Whether forces depend on the motion so far in a way of which derivatives are exact."""
+        """Whether forces depend on the motion so far, of which derivatives are exact."""
         return any(self._is_exact(part) for part in self._beside.values())
 
     def _is_exact(self, part: Part) -> bool:
