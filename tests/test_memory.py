@@ -444,7 +444,8 @@ def test_derivatives_of_a_motion_that_remembers(name, beside):
         change = step * np.eye(n + 2)[i]
         near = simulated(moved_parts(parts, change[:n]), state + change[n:], path)[2]
         off = (near - q) / step - slope
-        assert np.linalg.norm(off) < 2e-3 * np.linalg.norm(slope)
+        # The step takes 1e-4, a joint that sticks a little later another 4e-4.
+        assert np.linalg.norm(off) < 5e-4 * np.linalg.norm(slope)
 
 
 def absorber_decay(seed):

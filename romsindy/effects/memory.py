@@ -216,15 +216,41 @@ class FadingEffect(MemoryEffect):
 
     def changes(self, state: State, q: Array, q_dot: Array) -> Array:
         law: Any = self.remembering
-        first = np.zeros(q.shape[1], complex)
-        if self.started is None:
-            at = np.array([state.q[0], state.q_dot[0]])
-            small = np.maximum(_SMALL * np.abs([state.q, state.q_dot]).max(axis=1), 1e-300)
-            for x, step, change in zip(np.diag(small), small, (q[0], q_dot[0]), strict=True):
-                both = (law.begun(*(at + way * x), state.rate) for way in (1, -1))
-                real, imaginary = np.subtract(*both) / (2 * step)
-                first += complex(real, imaginary) * change
-        return np.asarray(law.changes(state.t, q, q_dot, first))
+        real, imaginary = self._begun(state) @ [q[0], q_dot[0]]
+        return np.asarray(law.changes(state.t, q, q_dot, real + 1j * imaginary))
+
+    def _begun(self, state: State) -> Array:
+        """What small changes of q and q_dot at the start of a motion do to what it remembers."""
+        law: Any = self.remembering
+        if self.started is not None:
+            return np.zeros((2, 2))
+        at = np.array([state.q[0], state.q_dot[0]])
+        small = np.maximum(_SMALL * np.abs([state.q, state.q_dot]).max(axis=1), 1e-300)
+        off = [
+            np.subtract(*(law.begun(*(at + way * x), state.rate) for way in (1, -1)))
+            for x in np.diag(small)
+        ]
+        return np.stack(off, axis=1) / (2 * small)
+
+    def carried(self, state: State, strengths: Array) -> tuple[Array, Array, Array, Array]:
+        """What is remembered at the start of steps of three points, as `Carried` of the kernel.
+
+        That is z as it comes to the first point of a step, before q and q_dot there count.
+        """
+        law: Any = self.remembering
+        n = len(state.t) // 3
+        by_z, by_motion, z_on, motion_on = law.over(np.append(state.t[:3], state.t[0] + state.step))
+        by_z, entered = strengths[0] * by_z[:3], motion_on[:, 3]
+        by_motion = np.tile(strengths[0] * by_motion[:3, :3], (n, 1, 1, 1))
+        motion_on = np.tile(motion_on[:, :3], (n, 1, 1, 1))
+        first = np.tile(entered, (n, 1, 1))
+        if state.memory is None:
+            first[0] = self._begun(state)
+        by_motion[:, :, 0] += by_z @ first
+        motion_on[:, :, 0] += z_on @ first
+        slopes = np.array(self.slopes(state, strengths)[:2])
+        by_motion[:, range(3), range(3)] -= slopes
+        return by_z, by_motion, z_on, motion_on
 
 
 @dataclass(frozen=True)

@@ -375,6 +375,20 @@ class FadingLaw(MemoryLaw):
         z = self._carried(t, q, q_dot, first)
         return self.force(q, q_dot, np.stack([z.real, z.imag]))
 
+    def over(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """What both parts of z at the first of n times, and q and q_dot at all of them, do.
+
+        To the force at these times, (n, 2) and (n, n, 2), and to z at the last, (2, 2) and
+        (2, n, 2).
+        """
+        n = len(t)
+        units = np.eye(2 * n).reshape(n, 2, 2 * n)
+        q, q_dot = np.concatenate([np.zeros((2, n, 2)), units.swapaxes(0, 1)], axis=2)
+        first = np.append([1.0, 1j], np.zeros(2 * n))
+        force, end = self.changes(t, q, q_dot, first), self._carried(t, q, q_dot, first)[-1]
+        z = np.stack([end.real, end.imag])
+        return force[:, :2], force[:, 2:].reshape(n, n, 2), z[:, :2], z[:, 2:].reshape(2, n, 2)
+
 
 @dataclass(frozen=True)
 class MaxwellElement(FadingLaw):

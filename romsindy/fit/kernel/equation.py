@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State, TermEffect
 from romsindy.effects.memory import FadingEffect, MemoryEffect
-from romsindy.fit.kernel.linear_steps import Linearisation
+from romsindy.fit.kernel.linear_steps import Carried, Linearisation
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.coupling import Along, CoupledTerm
@@ -124,25 +125,43 @@ class ExtendedEquation:
         memories = tuple(part.effect.remembered(state) for part, state in pulling)
         return replace(self, memories=memories) if memories else self
 
+    def carried(self, *motion: Array) -> Carried | None:
+        """What linear forces beside the model remember from one step to the next, less slopes."""
+        found = [
+            part.effect.carried(state, part.own(self.record))
+            for part, state in self._pulling(*motion).values()
+            if isinstance(part.effect, FadingEffect)
+        ]
+        if not found:
+            return None
+        by_values, by_motion, values_on, motion_on = zip(*found, strict=True)
+        beside = np.concatenate(by_values, axis=1), np.concatenate(motion_on, axis=1)
+        return Carried(beside[0], sum(by_motion), block_diag(*values_on), beside[1])
+
     @property
-    def remembers(self) -> bool:
-        """Whether forces depend on the motion so far, of which derivatives are exact."""
-        return any(self._is_exact(part) for part in self._beside.values())
+    def slides(self) -> bool:
+        """Whether the model remembers what is not linear in the motion so far."""
+        return any(self._is_exact(part.effect, False) for part in self._beside.values())
 
-    def _is_exact(self, part: Part) -> bool:
-        """All of a model, and those that are linear: what may be missing is looked for quickly."""
-        kind = MemoryEffect if self.model.memories else FadingEffect
-        return isinstance(part.effect, kind)
+    def _is_exact(self, effect: Effect, carried: bool) -> bool:
+        """Not of those that are looked for, but for linear ones: these are found quickly."""
+        if isinstance(effect, FadingEffect):
+            return carried
+        return isinstance(effect, MemoryEffect) and bool(self.model.memories)
 
-    def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
+    def beyond_slopes(
+        self, motion: tuple[Array, ...], q: Array, q_dot: Array, carried: bool = False
+    ) -> Array:
         """What small changes (n, 1, m) do to forces that remember, less what slopes say of it."""
         found = np.zeros((q.shape[2], *q.shape[:2]))
         for part, state in self._pulling(*motion).values():
-            if not (isinstance(part.effect, MemoryEffect) and self._is_exact(part)):
+            if not (
+                isinstance(effect := part.effect, MemoryEffect) and self._is_exact(effect, carried)
+            ):
                 continue
             own, d, v = part.own(self.record), q[:, 0], q_dot[:, 0]
-            by_q, by_q_dot, _ = part.effect.slopes(state, own)
-            changes = own[0] * part.effect.changes(state, d, v)
+            by_q, by_q_dot, _ = effect.slopes(state, own)
+            changes = own[0] * effect.changes(state, d, v)
             found[..., 0] += (changes.T - by_q * d.T) - by_q_dot * v.T
         return found
 

@@ -145,18 +145,19 @@ def _solved(
 ) -> tuple[Array, Array, Array]:
     """What `LinearSteps.solve` gives, and what forces that remember add to it.
 
-    Their slopes are those of slow changes. What these miss is computed from the changes, and
-    brought in as a force, until nothing more changes.
+    Linear ones are carried from step to step. Slopes of others are those of slow changes: what
+    these miss is computed from the changes, and brought in as a force, until nothing more changes.
     """
     q, q_dot, q_ddot = system.solve(columns, start, jump)
-    if not (isinstance(equation, RememberingEquation) and equation.remembers):
+    if not (isinstance(equation, RememberingEquation) and equation.slides):
         return q, q_dot, q_ddot
     at, (n, _, r, m) = nodes(motion), columns.shape
     moving = np.arange(m)  # columns that still change
     for _ in range(_CORRECTIONS):
         now = (x[..., moving] for x in (q, q_dot, q_ddot))
         flat = at_nodes(system.h, *(x.reshape(*x.shape[:-2], -1) for x in now))
-        missed = equation.beyond_slopes(at, *(x.reshape(-1, r, len(moving)) for x in flat))
+        d, v = (x.reshape(-1, r, len(moving)) for x in flat)
+        missed = equation.beyond_slopes(at, d, v)
         pushed = columns[..., moving] - missed.transpose(1, 2, 0).reshape(n, 3, r, len(moving))
         shifted = None if jump is None else jump[..., moving]
         before, solved = q[..., moving], system.solve(pushed, start[..., moving], shifted)
@@ -188,8 +189,8 @@ def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: A
     force = at.by_q @ q + at.by_q_dot @ q_dot
     slopes = equation.by_parameter(*state)
     force[..., : len(slopes)] += slopes.transpose(1, 2, 0)
-    if isinstance(equation, RememberingEquation) and equation.remembers:
-        force += equation.beyond_slopes(state, q, q_dot).transpose(1, 2, 0)
+    if isinstance(equation, RememberingEquation):
+        force += equation.beyond_slopes(state, q, q_dot, carried=True).transpose(1, 2, 0)
     return -inverse(at.by_q_ddot)[0] @ force
 
 

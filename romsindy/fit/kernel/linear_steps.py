@@ -12,7 +12,7 @@ triangular system for the R coordinates and their velocities.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -48,18 +48,38 @@ class Equation(Protocol):
         """dF/dp for every parameter, shape (n_parameters, n, R)."""
 
 
+class Carried(NamedTuple):
+    """What forces on one coordinate that are linear in the motion so far do beside their slopes.
+
+    They remember k values. What these do at the start of any step to the forces at its Gauss
+    points, (3, k), and to the values at the start of the next, (k, k); and what q and q_dot at the
+    Gauss points of each of n steps do to these, (n, 3, 3, 2) and (n, k, 3, 2).
+    """
+
+    by_values: Array
+    by_motion: Array
+    values_on: Array
+    motion_on: Array
+
+
 @runtime_checkable
 class RememberingEquation(Protocol):
     """An equation whose forces may depend on the motion so far, from its first time on."""
 
-    @property
-    def remembers(self) -> bool:
-        """Whether they do, and `beyond_slopes` is to be asked."""
+    def carried(self, *motion: Array) -> Carried | None:
+        """What linear ones remember from step to step, of times (n,) and states (n, R)."""
 
-    def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
+    @property
+    def slides(self) -> bool:
+        """Whether others do, of which `beyond_slopes` is to be asked."""
+
+    def beyond_slopes(
+        self, motion: tuple[Array, ...], q: Array, q_dot: Array, carried: bool = False
+    ) -> Array:
         """What small changes (n, R, m) of q and q_dot do beside the slopes of `linearise`.
 
-        ``motion`` are times (n,), q, q_dot and q_ddot (n, R); the result is (m, n, R).
+        ``motion`` are times (n,), q, q_dot and q_ddot (n, R); the result is (m, n, R). Forces that
+        steps carry count where ``carried``.
         """
 
     def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Equation:
@@ -99,36 +119,77 @@ def gains(h: float, q_ddot: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class LinearSteps:
-    """The linearised equations of all steps of a window."""
+    """The linearised equations of all steps of a window.
+
+    The state at the start of a step is q, q_dot and the k values that forces remember.
+    """
 
     h: float
     residual: Array  # (n, 3, R)
     stages: Array  # (n, 3 R, 3 R): what the accelerations do to the residual
-    by_state: Array  # (n, 3 R, 2 R): what q and q_dot at the start of the step do to it
+    by_state: Array  # (n, 3 R, 2 R + k): what the state at the start of the step does to it
     mass: Array  # (3 n, R, R)
+    # What the accelerations and the state at the start do to the state at the end, of every step or
+    # of all, (., 2 R + k, 3 R) and (., 2 R + k, 2 R + k)
+    end: Array
+    kept: Array
     between: Sequence[int] = ()  # steps that only lead from one motion to the start of the next
 
     @classmethod
     def at(
-        cls, equation: Equation, h: float, t: Array, q: Array, q_dot: Array, q_ddot: Array
+        cls,
+        equation: Equation,
+        h: float,
+        t: Array,
+        q: Array,
+        q_dot: Array,
+        q_ddot: Array,
+        remember: bool = True,
     ) -> LinearSteps:
-        """Linearise about a motion: times (n, 3), and its arrays as in a Trajectory."""
+        """Linearise about a motion: times (n, 3), and its arrays as in a Trajectory.
+
+        Of forces that remember there are their slopes alone where they are not to ``remember``.
+        """
         n, r = len(t), q.shape[1]
         states = (*at_nodes(h, q, q_dot, q_ddot), q_ddot)
-        flat = equation.linearise(t.ravel(), *(x.reshape(-1, r) for x in states))
+        motion = (t.ravel(), *(x.reshape(-1, r) for x in states))
+        flat = equation.linearise(*motion)
         by_q, by_v, by_a = (x.reshape(n, 3, r, r) for x in flat[1:])
         once, twice = (h * _ONCE)[:, None, :, None], (h * h * _TWICE)[:, None, :, None]
         stages = by_q[:, :, :, None] * twice + by_v[:, :, :, None] * once
         point = np.arange(3)
         stages[:, point, :, point] += by_a.swapaxes(0, 1)
         by_state = np.concatenate([by_q, by_v + h * NODES[:, None, None] * by_q], axis=-1)
-        return cls(
+        system = cls(
             h,
             flat.residual.reshape(n, 3, r),
             stages.reshape(n, 3 * r, 3 * r),
             by_state.reshape(n, 3 * r, 2 * r),
             flat.by_q_ddot,
+            _for_each(_END * [[h**2], [h]], r)[None],
+            _for_each(np.array([[1.0, h], [0.0, 1.0]]), r)[None],
         )
+        carried = None
+        if remember and isinstance(equation, RememberingEquation):
+            carried = equation.carried(*motion)
+        return system if carried is None else system._remembering(carried)
+
+    def _remembering(self, carried: Carried) -> LinearSteps:
+        """With the values that forces remember in the state."""
+        h, k, n = self.h, len(carried.values_on), len(self.stages)
+        # q and q_dot at the Gauss points, by q and q_dot at the start, and by the accelerations
+        start = np.stack([[[1.0, h * node], [0.0, 1.0]] for node in NODES])
+        inside = np.stack([h * h * _TWICE, h * _ONCE], axis=1)
+        forced, handed = (
+            [np.tensordot(x, y, 2) for y in (start, inside)]
+            for x in (carried.by_motion, carried.motion_on)
+        )
+        end = np.concatenate([np.repeat(self.end, n, axis=0), handed[1]], axis=1)
+        kept = np.zeros((n, 2 + k, 2 + k))
+        kept[:, :2, :2], kept[:, 2:, :2], kept[:, 2:, 2:] = self.kept, handed[0], carried.values_on
+        remembered = np.tile(carried.by_values, (n, 1, 1))
+        by_state = np.concatenate([self.by_state + forced[0], remembered], axis=2)
+        return replace(self, stages=self.stages + forced[1], by_state=by_state, end=end, kept=kept)
 
     @property
     def positive(self) -> bool:
@@ -141,20 +202,15 @@ class LinearSteps:
 
     @cached_property
     def by_start(self) -> Array:
-        """What q and q_dot at the start of a step do to q_ddot in it, (n, 3 R, 2 R)."""
+        """What the state at the start of a step does to q_ddot in it, (n, 3 R, 2 R + k)."""
         return -self._solved @ self.by_state
 
     @cached_property
     def transition(self) -> Array:
-        """What q and q_dot at the start of a step do to those at its end, (n, 2 R, 2 R)."""
-        r = self.mass.shape[-1]
-        found = self._end(r) @ self.by_start + _for_each(np.array([[1.0, self.h], [0.0, 1.0]]), r)
+        """What the state at the start of a step does to that at its end, (n, 2 R + k, 2 R + k)."""
+        found = self.end @ self.by_start + self.kept
         found[[*self.between]] = 0.0
         return found
-
-    def _end(self, r: int) -> Array:
-        """What the accelerations in a step do to q and q_dot at its end, (2 R, 3 R)."""
-        return _for_each(_END * [[self.h**2], [self.h]], r)
 
     def solve(
         self, force: Array, start: Array | None = None, jump: Array | None = None
@@ -166,15 +222,15 @@ class LinearSteps:
         """
         n, _, r, m = force.shape
         direct = self._solved @ force.reshape(n, 3 * r, m)
-        x = np.zeros((n + 1, 2 * r, m))
-        x[1:] = self._end(r) @ direct
+        x = np.zeros((n + 1, self.end.shape[1], m))
+        x[1:] = self.end @ direct
         if jump is not None:
-            x[1:] += jump.reshape(n, 2 * r, m)
+            x[1:, : 2 * r] += jump.reshape(n, 2 * r, m)
         if start is not None:
-            x[[0, *(step + 1 for step in self.between)]] = start.reshape(2 * r, m)
+            x[[0, *(step + 1 for step in self.between)], : 2 * r] = start.reshape(2 * r, m)
         states = _recursion(self.transition, x)
         q_ddot = direct + self.by_start @ states[:n]
-        return states[:, :r], states[:, r:], q_ddot.reshape(force.shape)
+        return states[:, :r], states[:, r : 2 * r], q_ddot.reshape(force.shape)
 
 
 def _for_each(a: Array, r: int) -> Array:
@@ -203,7 +259,7 @@ def inverse(a: Array) -> tuple[Array, Array]:
 
 
 def _recursion(transition: Array, force: Array) -> Array:
-    """x[k + 1] = transition[k] x[k] + force[k + 1] from x[0] = force[0] on, (n + 1, 2 R, m)."""
+    """x[k + 1] = transition[k] x[k] + force[k + 1] from x[0] = force[0] on, (n + 1, width, m)."""
     n, width, m = force.shape
     band = np.zeros((2 * width, n * width))
     for i in range(width):

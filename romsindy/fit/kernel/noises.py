@@ -127,7 +127,9 @@ class TwoNoises:
         """About a motion of a hypothesis in the record that has this number."""
         grid, r = motion.grid, motion.q.shape[1]
         t = grid.node_times(0, grid.n_steps)
-        system = LinearSteps.at(equation, grid.step, t, motion.q, motion.q_dot, motion.q_ddot)
+        system = LinearSteps.at(
+            equation, grid.step, t, motion.q, motion.q_dot, motion.q_ddot, False
+        )
         unit = np.repeat([1.0, grid.step], r)  # states are q and h q_dot
         at, _ = states_shown(grid, system, record.orders(parts)[0])
         change = record.in_orders(parts, lambda order: states_shown(grid, system, order)[1]) / unit
