@@ -45,6 +45,29 @@ def test_no_term_makes_up_for_a_level_that_is_told_wrong(seed):
         assert low <= value <= high, name
 
 
+@pytest.mark.parametrize("phased", [True, False])
+@pytest.mark.parametrize(("more", "said"), [(0.0, False), (0.05, True)])
+def test_a_level_that_stands_twice_with_other_values_is_told(more, said, phased):
+    """The second time the force was larger than its column says."""
+    beam = rs.ReducedModel.from_coefficients(
+        {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8}, unit="m"
+    )
+    rng, columns = np.random.default_rng(2), []
+    for level, true in ((0.1, 0.1), (0.2, 0.2), (0.2, 0.2 * (1 + more))):
+        orbits = rs.forced_response(beam, true, (48.0, 54.0), n_points=120)
+        w, q = orbits.frequency[::3], orbits.coefficients[::3, 1]
+        columns.append((w, np.full(len(w), level), q))
+    w, force, q = map(np.concatenate, zip(*columns, strict=True))
+    noise = 0.01 * rng.standard_normal((len(q), 2)) @ [1, 1j]
+    q = q * (1 + noise) if phased else np.abs(q) * (1 + noise.real)
+    fit = rs.fit_steady(beam, w, force, q, unit="m", **({"phase": 0.0} if phased else {}))
+    notes = [note for note in fit.notes if "stands twice" in note]
+    assert bool(notes) == said
+    if said:
+        rows = len(columns[0][0]), len(columns[0][0]) + len(columns[1][0])
+        assert f"the level of 0.2 stands twice, in points {rows[0] + 1} to" in notes[0]
+
+
 def test_folds_have_intervals():
     """Against those of the true equation, by continuation; the other level learns none of them."""
     named = {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8}

@@ -22,7 +22,7 @@ RATES: dict[Quantity, int] = {"displacement": 0, "velocity": 1, "acceleration": 
 
 _LEAST_POINTS = 4
 # Amplitudes of the force that agree to this part of the largest are one level.
-_SAME_LEVEL = 0.01
+SAME_LEVEL = 0.01
 _SAME_HELD = 0.05  # those of a response that a control holds, which is measured with noise
 _PER_LEVEL = 4  # points on the mean: with fewer, the force is no level but differs from each
 
@@ -129,9 +129,9 @@ class SteadyPoints:
         All 0 where neither has levels. One level of the force holds no response.
         """
         force = np.abs(self.force)
-        if np.ptp(force) <= _SAME_LEVEL * force.max():
+        if np.ptp(force) <= SAME_LEVEL * force.max():
             return np.zeros(len(self), int)
-        for size, same in ((force, _SAME_LEVEL), (np.abs(self.q[:, 0]), _SAME_HELD)):
+        for size, same in ((force, SAME_LEVEL), (np.abs(self.q[:, 0]), _SAME_HELD)):
             order = np.argsort(size)
             jumps = np.diff(size[order]) > same * size.max()
             level = np.zeros(len(size), int)
@@ -139,6 +139,17 @@ class SteadyPoints:
             if 0 < level.max() and len(self) >= _PER_LEVEL * (level.max() + 1):
                 return level
         return np.zeros_like(level)
+
+    @property
+    def runs(self) -> list[Indices]:
+        """Points one after the other, of one level, whose frequency has one direction."""
+        level, starts, way = self.level, [0], 0.0
+        for i, step in enumerate(np.sign(np.diff(self.frequency)).tolist()):
+            turned = level[i + 1] != level[i] or (way != 0 and step != way)
+            way = 0.0 if turned else step
+            if turned:
+                starts.append(i + 1)
+        return np.split(np.arange(len(self)), starts[1:])
 
 
 def _column(name: str, values: ArrayLike, n: int, kind: type = float) -> NDArray:

@@ -8,20 +8,23 @@ response was not given, it is found in what is left, by the restricted likelihoo
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
+from scipy.stats import f as fdist
 
 from romsindy.effects.choices import sought
 from romsindy.fit.adequacy.independence import SLIDES, tell_together
 from romsindy.fit.adequacy.verdicts import NOT_TRIED, SteadyAdequacy
 from romsindy.fit.kernel.part import LINEAR
 from romsindy.fit.process_noise import KNOWN, wider
-from romsindy.fit.steady.balance import CHAIN, Rows, SteadyPoints, linearised
+from romsindy.fit.steady.balance import CHAIN, SAME_LEVEL, Rows, SteadyPoints, linearised
 from romsindy.fit.steady.solve import SteadySolution, without_neighbours
 from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.inertia import Inertia
@@ -194,6 +197,9 @@ def _least(of: Callable[[float], float], low: float, high: float) -> float:
 _ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
+# Points of a run that is compared with another; logarithm of amplitudes on one branch; part of the
+# force by which repeats differ anyway; chance of a difference that is noise.
+_RUN, _BRANCH, _REPEATS, _BY_CHANCE = 4, 0.3, 0.02, 1e-3
 _EM, _SAME = 60, 1e-9  # iterations; columns that are one
 
 
@@ -218,7 +224,7 @@ def notes_on(
             f"the chain turns the phase by {np.degrees(turned):.0f} degrees: near 90, look at"
             " measured=; near 180, at the sign of the sensor"
         )
-    return [*notes, *_unsteady(points, solution)]
+    return [*notes, *_unsteady(points, solution), *_repeated(points, solution)]
 
 
 def _unsteady(points: SteadyPoints, solution: SteadySolution) -> list[str]:
@@ -250,6 +256,41 @@ def _unsteady(points: SteadyPoints, solution: SteadySolution) -> list[str]:
     return notes
 
 
+def _repeated(points: SteadyPoints, solution: SteadySolution) -> list[str]:
+    """Levels that were measured more than once, with other values.
+
+    Of what two runs leave where they pass through the same phases, or frequencies where phases are
+    not known, the difference is compared with that of another stiffness, damping and force.
+    """
+    rows, scale = _own_rows(points, solution)
+    own = rows.by_parameter * scale / rows.size[:, None, None]
+    at = np.angle(points.q[:, 0] / points.force) if points.phased else points.frequency
+    notes, misfit = [], solution.misfit
+    for one, other in itertools.combinations([r for r in points.runs if len(r) >= _RUN], 2):
+        force = np.abs(points.force[np.concatenate([one, other])])
+        order = other[np.argsort(at[other])]
+        table = np.column_stack([points.amplitude, misfit])
+        rest = make_interp_spline(at[order], table[order], k=1)(at[one], extrapolate=False)
+        with np.errstate(invalid="ignore"):  # beyond the other run
+            beside = np.abs(np.log(rest[:, 0] / points.amplitude[one])) < _BRANCH
+        if np.ptp(force) > SAME_LEVEL * force.max() or np.count_nonzero(beside) < _RUN:
+            continue
+        same = one[beside]
+        off, columns = (misfit[same] - rest[beside, 1:]).ravel(), np.concatenate(own[same])
+        moved = columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
+        free = len(off) - columns.shape[1]
+        ratio = (moved @ moved / columns.shape[1]) / ((off - moved) @ (off - moved) / free)
+        part = _of_force(moved.reshape(len(same), -1))
+        if part > _REPEATS and fdist.sf(ratio, columns.shape[1], free) < _BY_CHANCE:
+            first, second = (f"{r[0] + 1} to {r[-1] + 1}" for r in (one, other))
+            notes.append(
+                f"the level of {abs(points.force[one[0]]):.3g} stands twice, in points {first} and"
+                f" {second}, which differ by {100 * part:.2g} % of the force: one equation runs"
+                " between them; fit one of them, or give each the force that it had"
+            )
+    return notes
+
+
 def _where(points: SteadyPoints, some: NDArray[np.bool_]) -> str:
     shown = [
         f"{w / (2 * np.pi):.6g} Hz at {abs(f):.3g}"
@@ -277,7 +318,8 @@ def between_levels(
     numbers, shape = np.unique(points.level), (len(points), -1, len(solution.free))
     if len(numbers) < 2:
         return np.zeros((2, 3)), np.zeros_like(solution.covariance)
-    own, units = _by_level(points, solution)
+    rows, scale = _own_rows(points, solution)
+    own = rows.whitened(solution.floor)[0].reshape(len(points), -1, 3) * scale
     each = [own * (points.level == i)[:, None, None] for i in numbers]
     by_value = solution.rows.whitened(solution.floor)[0].reshape(shape)
     common = np.concatenate([by_value / np.linalg.norm(by_value, axis=(0, 1)), own], axis=2)
@@ -297,20 +339,19 @@ def between_levels(
     both = np.stack([sizes, np.maximum(sizes, hidden / np.sqrt(len(sizes)))]) * wider(KNOWN + n - 1)
     moved = [np.einsum("nkp,nkj->pj", by_value, z) * both[0] for z in each]
     passed = solution.covariance @ np.concatenate(moved, axis=1)
-    return both * [*units, 1.0], passed @ passed.T
+    return both * [*scale[:2], 1.0], passed @ passed.T
 
 
-def _by_level(points: SteadyPoints, solution: SteadySolution) -> tuple[Array, Array]:
-    """Rows (n, k, 3) by linear stiffness, damping and force, whitened, as parts of all the force.
+def _own_rows(points: SteadyPoints, solution: SteadySolution) -> tuple[Rows, Array]:
+    """Rows by linear stiffness, damping and force, and of each the value that is all the force.
 
-    Of the first two that is what would take it up at the largest amplitude: their units, (2,).
+    Of the first two it takes up the force at the largest amplitude.
     """
     model, largest = solution.model, int(np.argmax(points.amplitude))
     known = {t.key: t for t in (*model.terms, *LINEAR)}
     values = tuple(model.coefficients.get(key, 0.0) for key in known)
     rich = replace(model, terms=tuple(known.values()), values=values)
     rows = linearised(points, rich, tuple(t.key for t in LINEAR), solution.chain, solution.c)
-    own, _ = replace(rows, by_parameter=rows.by_parameter[..., :3]).whitened(solution.floor)
     ratio = rows.size[largest] / points.amplitude[largest]
-    units = ratio / np.array([1.0, points.frequency[largest]])
-    return (own * [*units, solution.chain.gain]).reshape(len(points), -1, 3), units
+    scale = np.array([ratio, ratio / points.frequency[largest], solution.chain.gain])
+    return replace(rows, by_parameter=rows.by_parameter[..., :3]), scale

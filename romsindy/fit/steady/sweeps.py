@@ -168,22 +168,14 @@ def smoothed(model: ReducedModel, points: SteadyPoints) -> ReducedModel:
 
 
 def _in_order(points: SteadyPoints) -> list[Indices]:
-    """Points of one sweep after the other, each of one level and of one direction."""
-    level, w = points.level, points.frequency
-    starts, way = [0], 0.0
-    for i, step in enumerate(np.sign(np.diff(w)).tolist()):
-        turned = level[i + 1] != level[i] or (way != 0 and step != way)
-        way = 0.0 if turned else step
-        if turned:
-            starts.append(i + 1)
-    found = np.split(np.arange(len(w)), starts[1:])
-    for rows in found:
+    """The runs of the points, of which each is a sweep."""
+    for rows in (found := points.runs):
         if len(rows) < _FEWEST:
             raise ValueError(
-                f"sweep_rate is given, but from {w[rows[0]] / (2 * np.pi):.6g} Hz at a force of"
-                f" {abs(points.force[rows[0]]):.3g} the frequency neither rises nor falls over"
-                f" {_FEWEST} points: give the points of a sweep in the order of time, one sweep"
-                " after the other, or a signed rate for every point"
+                f"sweep_rate is given, but from {points.frequency[rows[0]] / (2 * np.pi):.6g} Hz at"
+                f" a force of {abs(points.force[rows[0]]):.3g} the frequency neither rises nor"
+                f" falls over {_FEWEST} points: give the points of a sweep in the order of time,"
+                " one sweep after the other, or a signed rate for every point"
             )
     return found
 
