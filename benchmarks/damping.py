@@ -90,7 +90,7 @@ def roll_trial(seed):
     decay, *true = roll(seed)
     try:
         split = identify(decay).damping
-    except ValueError:  # fewer than three cycles between crossings of zero
+    except ValueError:  # fewer than three cycles
         return seed, None
     if split is None:
         return seed, None

@@ -58,6 +58,12 @@ def test_linear_and_quadratic_damping_are_told_apart(rolled):
     assert split.table("rad").rows[2][0] == f"P-Q, {split.half_cycles} half-cycles"
 
 
+def test_three_cycles_are_enough():
+    split = rs.identify(decay_of(ROLL, 0.3, "rad", cycles=3)).damping
+    for (_, low, high), true in ((split.linear, 0.04), (split.quadratic, 0.3)):
+        assert low <= true <= high and high - low < 2.5 * true
+
+
 def test_it_is_asked_of_angles_and_on_demand(rolled):
     decay = decay_of(ROLL, 0.3)
     assert rs.identify(decay).damping is None

@@ -4,6 +4,7 @@ from oracles import falling_decay, viscous_decay
 from scipy.signal import lfilter
 
 from romsindy.record.decay import Decay
+from romsindy.record.defects import level_and_drift
 from romsindy.record.prediction import autoregression, predictor
 from romsindy.record.signals import (
     crossings,
@@ -91,6 +92,21 @@ def test_crossings_come_once_a_cycle_in_noise():
     assert np.all(down[: len(up) - 1] > up[:-1]) and np.all(down[: len(up) - 1] < up[1:])
     exact = (np.arange(len(up)) + 0.75) / (1.3 * np.sqrt(1 - 0.005**2))
     assert np.abs(T[up] - exact).max() < 0.05 / 1.3  # a twentieth of a cycle
+
+
+@pytest.mark.parametrize("cycles", [3.0, 3.3, 3.6, 4.5])
+@pytest.mark.parametrize("phase", [0.0, 1.3])
+@pytest.mark.parametrize("level", [0.0, 0.2])
+def test_a_few_cycles_rest_where_they_do(cycles, phase, level):
+    """A release from 1 at 0.1 Hz: a moving mean of such a record is 10 % off."""
+    t = np.arange(0, 10 * cycles, 0.25)
+    noise = 0.003 * np.random.default_rng(7).standard_normal(len(t))
+    x = np.exp(-0.02 * t) * np.cos(0.2 * np.pi * t + phase) + noise
+    both = rest_level(x + level, 0.25), level_and_drift(x + level, 40)[0]
+    # Three standard errors of a mean are 0.001; of the turning points, ten in a cycle, 0.01.
+    np.testing.assert_allclose(both, level, atol=0.012)
+    up, down = crossings(x, 0.25)
+    assert len(up) >= 3 and np.all(np.diff(np.sort(np.concatenate([up, down]))) > 10)
 
 
 def test_integral_of_a_noisy_biased_velocity_has_no_drift():

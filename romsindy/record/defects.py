@@ -18,7 +18,7 @@ from scipy.signal import periodogram
 
 from romsindy.record.faults import clipped, dropouts, filled, resolution, restored, spikes, steps
 from romsindy.record.recording import Recording, uniform_times
-from romsindy.record.signals import MAINS, STRAY, Mask, moving_mean, runs, vertex
+from romsindy.record.signals import MAINS, STRAY, Mask, level_of_few, moving_mean, runs, vertex
 from romsindy.record.smoothing import swing
 from romsindy.record.spectrum import NoiseLevel, noise_std, round_about, standing_out
 from romsindy.text import counted
@@ -75,6 +75,8 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     if len(here) < _RATE or not np.any(power[here]):
         return 0.0, np.zeros(n)  # hardly a cycle between holes
+    if n - begin < _TAPER * cycle:
+        return level_of_few(x[begin - round(cycle) :], cycle), np.zeros(n)
     here, alive = _moving(here, power[here], noise_std(x) ** 2)
     if len(here) < _RATE:
         return 0.0, np.zeros(n)  # hardly a cycle before it comes to rest

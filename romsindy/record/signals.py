@@ -28,6 +28,9 @@ def runs(mask: Mask) -> list[slice]:
 _CYCLES_AT_LEAST = 3
 # Of the power of the first half of a record: less in the second is the quiet after a decay.
 _QUIET = 0.1
+# Turning points without which no midline tells where a vibration rests; part of the rms of a few
+# cycles from which a level matters.
+_FEW, _MATTERS = 6, 0.07
 # A wave that stays: parts of a record at its end, how much louder the record is at most, cycles in
 # the end, and the departure of each quarter of it; the frequency is refined so often.
 _ENDS, _FADED, _MANY, _SAME, _REFINED = (2, 4, 8), 10.0, 20, 0.04, 4
@@ -151,13 +154,12 @@ def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
     below = smooth < 0
     up = np.flatnonzero(below[:-1] & ~below[1:])
     down = np.flatnonzero(~below[:-1] & below[1:])
-    down = down[down > up[0]] if len(up) else down
-    if len(up) < 4:
+    if (times := len(up) + len(down)) < 6:
         raise ValueError(
-            f"the record of {len(x) * dt:.4g} s crosses zero upwards {len(up)} times, so it holds"
-            " fewer than three full cycles: record longer, or remove the offset of the signal"
+            f"the record of {len(x) * dt:.4g} s crosses zero {times} times, so it holds fewer than"
+            " three cycles: record longer, or remove the offset of the signal"
         )
-    return up, down[: len(up)]
+    return up, down[down > up[0]]
 
 
 def rest_level(x: Array, dt: float) -> float:
@@ -167,7 +169,10 @@ def rest_level(x: Array, dt: float) -> float:
     amplitude^2, is extrapolated to no amplitude. Less than 1 % of the largest amplitude, or less
     than four standard errors, counts as 0.
     """
-    _, midline, swing = _midline(x, dt, 1 / fundamental_frequency(x, dt))
+    cycle = 1 / fundamental_frequency(x, dt)
+    _, midline, swing = _midline(x, dt, cycle)
+    if len(swing) < _FEW:
+        return level_of_few(x, cycle / dt)
     # The later half; at the very end a half-cycle may be cut short.
     quiet = np.arange(len(swing))[len(swing) // 2 : max(len(swing) - 3, len(swing) // 2 + 3)]
     if swing[quiet].min() > 0.7 * swing.max():
@@ -178,6 +183,19 @@ def rest_level(x: Array, dt: float) -> float:
     misfit = midline[quiet] - basis @ [level, slope]
     error = np.sqrt(misfit @ misfit / max(len(quiet) - 2, 1) * inverse[0, 0])
     return float(level) if abs(level) > max(0.01 * swing.max(), 4 * error) else 0.0
+
+
+def level_of_few(x: Array, cycle: float) -> float:
+    """Level of rest of a few cycles, of so many samples each; 0 where it matters little.
+
+    They would bend all that is slow: it is fitted beside two harmonics, of which the first fades.
+    """
+    turn = 2j * np.pi * np.arange(len(x)) / cycle
+    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(x)), 2)
+    waves = np.column_stack([slow * np.exp(turn)[:, None], np.exp(2 * turn)])
+    table = np.column_stack([np.ones(len(x)), waves.real, waves.imag])
+    level = float(np.linalg.lstsq(table, x, rcond=None)[0][0])
+    return level if abs(level) > _MATTERS * float(np.std(x)) else 0.0
 
 
 class Wave(NamedTuple):
