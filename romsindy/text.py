@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 # Arguments of Python that are options of commands, and the names of those that differ.
 _ARGUMENTS = (
-    "start end unit quantity column channel time rate mode band release fixed amplitude name"
+    "start end unit quantity column lever channel time rate mode band release fixed amplitude name"
     " input_column input_unit curvature gain slope phase ccx store reach"
 )
 _OPTIONS = {"channel": "column", "fixed": "fix", "reach": "range"}

@@ -333,7 +333,7 @@ def test_what_cannot_be_a_batch_is_refused(run, folder, words, message):
 def test_a_cluster_finds_the_same_and_its_end_stops_nothing(folder):
     """It goes away when the first of two records is done; the second is done here."""
     distributed = pytest.importorskip("distributed")
-    reading = dict.fromkeys(["unit", "quantity", "column", "time", "rate", "start", "end"])
+    reading = dict.fromkeys(["unit", "quantity", "column", "lever", "time", "rate", "start", "end"])
     job = Job(reading, Selection(), Asked(0, {}, None))
     entries = [Entry(f"r{i}.csv", folder / f"r{i}.csv") for i in range(2)]
     here = {e.name: f["equation"] for e, f in map(job, entries)}

@@ -56,6 +56,27 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
+def test_an_angle_beside_a_length(folder, tmp_path):
+    """The second sensor turns, by 20 m: told in degrees it gives the same model at that lever."""
+    x = np.genfromtxt(folder / "hammer.csv", delimiter=",", skip_header=1)
+    turned = x * [1.0, 1.0, 180 / np.pi / 20]
+    header = "t,left [m],right [deg]"
+    np.savetxt(tmp_path / "a.csv", turned, delimiter=",", header=header, comments="")
+    models = []
+    for path, more in ((folder / "hammer.csv", []), (tmp_path / "a.csv", ["--lever", "20"])):
+        save = tmp_path / f"{path.stem}.json"
+        asked = ["--coordinates", "2", *COLUMNS, *more, "--save", str(save)]
+        page = str(tmp_path / f"{path.stem}.html")
+        done = CliRunner().invoke(main, ["identify", str(path), *asked, "--report", page])
+        assert done.exit_code == 0, done.output
+        models.append(rs.Estimate.from_json(save.read_text()).model.coefficients)
+    assert "Angles are lengths at a lever arm of 20 m." in done.output
+    assert models[0].keys() == models[1].keys()
+    for name, value in models[0].items():  # the file has 18 digits, the search none to lose
+        assert models[1][name] == pytest.approx(value, rel=1e-6), name
+
+
 @pytest.fixture(scope="module")
 def identified(folder):
     """What the command printed, and its list of results."""
@@ -162,7 +183,7 @@ def test_what_does_not_go_together(run, options, message):
 
 def test_all_columns_are_taken_together_where_none_is_named(folder):
     """Of one coordinate it must be said which: any of them could be meant."""
-    reading = dict.fromkeys(["unit", "quantity", "column", "time", "rate", "start", "end"])
+    reading = dict.fromkeys(["unit", "quantity", "column", "lever", "time", "rate", "start", "end"])
     _, found = inspected(folder / "hammer.csv", reading, 0, together=True)
     assert [*found.together] == ["left", "right"]
     with pytest.raises(ValueError, match="choose with column="):

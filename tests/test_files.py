@@ -176,6 +176,43 @@ def test_bad_files_are_named(tmp_path, text, settings, message):
         load_decay(write(tmp_path / "decay.csv", text), **settings)
 
 
+def heave_and_pitch(path, unit, turn):
+    np.savez(path, t=T, **{"heave [m]": Q, f"pitch [{unit}]": 4 * turn * Q})
+    return path
+
+
+def test_angles_beside_lengths_count_at_a_lever_arm(tmp_path):
+    """By default both vibrate alike: here at a quarter of a metre."""
+    both = {"column": ["heave", "pitch"]}
+    for unit, turn in (("rad", 1.0), ("deg", 180 / np.pi), ("mrad", 1e3)):
+        decay = load_decay(heave_and_pitch(tmp_path / "a.npz", unit, turn), **both)
+        np.testing.assert_allclose(decay.signal, np.stack([Q, Q], axis=1), atol=1e-12)
+        assert decay.unit == "m" and "lever arm of 0.25 m" in decay.notes[0]
+    read = load_recording(tmp_path / "a.npz", **both, lever=2)
+    np.testing.assert_allclose(read.x[:, 1], 8 * Q, atol=1e-12)
+    assert read.lever == 2 and read.names == ("heave", "pitch")
+    alone = load_recording(tmp_path / "a.npz", column="pitch")
+    assert alone.unit == "rad" and alone.lever is None
+
+
+@pytest.mark.parametrize(
+    ("column", "lever", "message"),
+    [
+        (["heave", "pitch"], 0, r"lever = 0 must be positive and finite"),
+        (["heave", "pitch"], "2 m", r"lever = '2 m' must be a number"),
+        (["heave"], 2, r"lever = 2 is for columns of lengths and of angles together"),
+        (["heave", "force"], None, r"\['heave', 'force'\] are not in one unit"),
+        (["still", "pitch"], None, r"lever = 0 must be positive"),
+    ],
+)
+def test_levers_that_are_none(tmp_path, column, lever, message):
+    names = ("heave [m]", "pitch [rad]", "force [kg^0.5 m]", "still [m]")
+    values = dict(zip(names, (Q, Q, Q, 0 * Q), strict=True))
+    np.savez(tmp_path / "a.npz", t=T, **values)
+    with pytest.raises(ValueError, match=message):
+        load_decay(tmp_path / "a.npz", column=column, lever=lever)
+
+
 def test_gap_in_a_file(tmp_path):
     lines = table().splitlines()
     with pytest.raises(ValueError, match=r"t has a gap of 1.01 s after 2.99 s"):

@@ -405,7 +405,7 @@ def _equation(simulation: Equations | Estimate) -> Equations:
 
 def _series(path: Path, unit: str | None, column: str | None) -> Decay:
     """The largest of the simulated decays in a file."""
-    others = dict.fromkeys(("quantity", "time", "rate", "start", "end"))
+    others = dict.fromkeys(("quantity", "lever", "time", "rate", "start", "end"))
     reading = {"unit": unit, "column": column, **others}
     with _columns_by("--simulated-column"):
         decays = decays_in(path, reading, Selection(), _note)

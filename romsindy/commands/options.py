@@ -79,6 +79,11 @@ reading_options = grouped(
         callback=lambda _, __, names: list(names) or None,
         help="Name of a measured column; several are used together.",
     ),
+    click.option(
+        "--lever",
+        type=float,
+        help="Lever arm, m, at which angles count beside lengths.  [default: both vibrate alike]",
+    ),
     click.option("--time", help="Name of the time column."),
     click.option("--rate", type=float, help="Samples per second, for files without times."),
     click.option("--start", type=float, help="Use the record from this time on, s."),

@@ -156,6 +156,8 @@ def picked_together(found: Findings, releases: Sequence[int]) -> str:
     release = f"release{'s' * (len(names) > 1)} {listed(names)}"
     where = f" in channel {found.channel}" if len(found.together) > 1 else ""
     used = f"Used: {channels}, {release}, with all that rings: {rings}{where}."
+    if (lever := found.recording.lever) is not None:
+        used += f" Angles are lengths at a lever arm of {lever:g} m."
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     return f"{used} Left out: release {listed(rest)}." if rest else used
 

@@ -348,6 +348,8 @@ class Recording:
         Inputs that were measured with it.
     left_out : tuple of str
         Names of further columns of the file.
+    lever : float, optional
+        Lever arm, m, at which angles among the channels were made lengths.
 
     Raises
     ------
@@ -371,6 +373,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     drives: tuple[RecordedInput, ...] = ()
     left_out: tuple[str, ...] = ()
+    lever: float | None = None
 
     def __post_init__(self) -> None:
         t, x = enough_times(self.t), as_floats("x", self.x)

@@ -109,6 +109,9 @@ def _of_archive(path: Path) -> Reader:
 
 Source = str | PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 _RATES = ("q_dot", "q_ddot")
+_AT_A_LEVER = (
+    "angles count as lengths at a lever arm of {:g} m: records of one system need the same"
+)
 
 
 def load_recording(
@@ -117,6 +120,7 @@ def load_recording(
     quantity: Quantity | None = None,
     *,
     column: str | Sequence[str] | None = None,
+    lever: float | None = None,
     time: str | None = None,
     rate: float | None = None,
     start: float | None = None,
@@ -142,6 +146,9 @@ def load_recording(
         Names of the measured columns (``"2"`` is the second of a file without header). By default
         all that measure the same quantity in the same unit, and of several quantities the one with
         the most columns; `Recording.notes` lists what is left out.
+    lever : float, optional
+        Lever arm, m, at which angles count as lengths where columns of both are named; by default
+        one at which both vibrate alike, of two digits. Records of one system need one.
     time : str, optional
         Name of the time column; found by its name, or else the first.
     rate : float, optional
@@ -165,14 +172,14 @@ def load_recording(
     ...     load_recording(f"{folder}/run.txt")
     <Recording: 500 samples at 100 Hz, 4.99 s, displacement in m, channels tip>
     """
-    _refuse_no_numbers(rate=rate, start=start, end=end)
-    decay = _saved(path, (unit, quantity, column, time, rate))
+    _refuse_no_numbers(lever=lever, rate=rate, start=start, end=end)
+    decay = _saved(path, (unit, quantity, column, lever, time, rate))
     if decay is not None:
         return decay.as_recording("saved by romsindy", str(path)).between(start, end)
     source, table = _columns(path)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
-        part = _recording(choice, source, unit, quantity).between(start, end)
+        part = _recording(choice, source, unit, quantity, lever).between(start, end)
         own = part_between(choice.t, start, end)
         pushed = [(c.values[own], part.dt, c.name, kind) for kind, c in choice.inputs]
         return replace(part, drives=tuple(starmap(recorded_input, pushed)))
@@ -184,6 +191,7 @@ def load_decay(
     quantity: Quantity | None = None,
     *,
     column: str | Sequence[str] | None = None,
+    lever: float | None = None,
     time: str | None = None,
     rate: float | None = None,
     start: float | None = None,
@@ -210,8 +218,8 @@ def load_decay(
     ...     load_decay(f"{folder}/run.txt", unit="mm", start=1.0)
     <Decay: 400 samples at 100 Hz, 3.99 s, max |q| 0.0003558 m, measured displacement>
     """
-    _refuse_no_numbers(rate=rate, start=start, end=end)
-    decay = _saved(path, (unit, quantity, column, time, rate))
+    _refuse_no_numbers(lever=lever, rate=rate, start=start, end=end)
+    decay = _saved(path, (unit, quantity, column, lever, time, rate))
     if decay is not None:
         return decay.between(start, end)
     source, table = _columns(path)
@@ -219,7 +227,7 @@ def load_decay(
         choice = _choice(table, unit, quantity, column, time, rate)
         if _names(column) is None:
             _require_one(choice)
-        whole = _recording(choice, source, unit, quantity)
+        whole = _recording(choice, source, unit, quantity, lever)
         part = whole.between(start, end)
         _refuse_missing(part, whole, choice.columns)
         derivatives = _derivatives(table, part, whole, unit)
@@ -238,6 +246,7 @@ def load_forced(
     input_unit: str | Sequence[str] | None = None,
     interpolation: Interpolation | None = None,
     column: str | Sequence[str] | None = None,
+    lever: float | None = None,
     time: str | None = None,
     rate: float | None = None,
     start: float | None = None,
@@ -277,7 +286,7 @@ def load_forced(
     <ForcedVibration: 500 samples at 100 Hz, 4.99 s, max |displacement| 1 m, by force>
       - columns: displacement 'q', force 'F'
     """
-    _refuse_no_numbers(rate=rate, start=start, end=end)
+    _refuse_no_numbers(lever=lever, rate=rate, start=start, end=end)
     names = (inputs,) if isinstance(inputs, str) else tuple(inputs)
     source, table = _columns(path)
     with named(source):
@@ -286,7 +295,7 @@ def load_forced(
         choice = _choice(table, unit, quantity, column, time, rate, beside=driving)
         if _names(column) is None:
             _require_one(choice)
-        response = _recording(choice, source, unit, quantity)
+        response = _recording(choice, source, unit, quantity, lever)
         u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
         pushes = Recording(choice.t, u, [c.name for c in driving])
         part, pushed = response.between(start, end), pushes.between(start, end)
@@ -395,27 +404,29 @@ def _refuse_no_numbers(**settings: Any) -> None:
 
 
 def _recording(
-    choice: _Measured, source: str, unit: str | None, quantity: Quantity | None
+    choice: _Measured,
+    source: str,
+    unit: str | None,
+    quantity: Quantity | None,
+    lever: float | None,
 ) -> Recording:
     columns = choice.columns
+    base, factors, arm = choose.in_one_unit(columns, unit, choice.quantity, lever)
     names = [c.name for c in columns]
-    units = [choose.conversion(c, unit, choice.quantity) for c in columns]
-    if len({base for base, _ in units}) > 1:
-        raise ValueError(f"columns {names} are not in one unit: choose some of them with column=")
     choose.checked_times(choice.t)
     if choice.doubt:
         raise ValueError(choice.doubt)
     x = np.empty((len(choice.t), len(columns)))
-    for k, (c, (_, factor)) in enumerate(zip(columns, units, strict=True)):
+    for k, (c, factor) in enumerate(zip(columns, factors, strict=True)):
         np.multiply(c.values, factor, out=x[:, k])
     x[~np.isfinite(x)] = np.nan
     dead = [name for name, values in zip(names, x.T, strict=True) if np.all(np.isnan(values))]
     if dead:
         raise ValueError(f"columns {dead} hold no number: choose another one with column=")
     basis = _basis(columns[0], unit, quantity)
-    base = units[0][0]
-    given = (choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
-    return Recording(*given, left_out=tuple(c.name for c in choice.rest))
+    notes = choice.notes if arm is None else (*choice.notes, _AT_A_LEVER.format(arm))
+    given = (choice.t, x, names, choice.quantity, base, basis, source, notes)
+    return Recording(*given, lever=arm, left_out=tuple(c.name for c in choice.rest))
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
