@@ -27,7 +27,7 @@ from romsindy.record.recording import QUANTITIES
 
 FILE = click.Path(path_type=Path)
 # Options of the reading of a file and of measured inputs, for the headings of --help.
-READING = "--unit --quantity --column --time --rate --start --end"
+READING = "--unit --quantity --column --lever --time --rate --start --end"
 INPUTS = "--input --input-column --unit-input --interpolation"
 full_option = click.option(
     "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
