@@ -249,7 +249,7 @@ def bad(name):
         "nan": [t, np.where(t > 3, np.nan, swing)],
         "decreasing": [t[::-1], swing],
         "repeated": [np.round(t, 1), swing],
-        "gap": [t + (t > 2), swing],
+        "gap": [(t + (t > 2))[:450], swing[:450]],  # two cycles, and two and a half
         "constant": [t, 0 * t + 1],
         "short": [t[:250], swing[:250]],
         "one": [swing],
