@@ -68,6 +68,19 @@ def test_a_level_that_stands_twice_with_other_values_is_told(more, said, phased)
         assert f"the level of 0.2 stands twice, in points {rows[0] + 1} to" in notes[0]
 
 
+def test_noise_leaves_noise_at_folds():
+    """There the frequency tells the force to a millionth, as no error of a value allows."""
+    named = {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8}
+    beam = rs.ReducedModel.from_coefficients(named, unit="m")
+    rng, orbits = np.random.default_rng(3), rs.forced_response(beam, 0.3, (48.0, 54.0), n_points=60)
+    assert len(orbits.folds) == 2
+    exact, n = orbits.coefficients[:, 1], len(orbits.frequency)
+    spread = 0.001 * np.abs(exact)
+    q = exact + spread * (rng.standard_normal((n, 2)) @ [1, 1j])
+    fit = rs.fit_steady(beam, orbits.frequency, np.full(n, 0.3), q, std=spread)
+    assert 0.8 < fit.verdict.ratio < 1.2  # 120 parts: one standard deviation is 0.065
+
+
 def test_folds_have_intervals():
     """Against those of the true equation, by continuation; the other level learns none of them."""
     named = {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8}

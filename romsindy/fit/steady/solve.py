@@ -65,8 +65,14 @@ class SteadySolution:
 
     @property
     def over_noise(self) -> Array:
-        """Misfit, (n, k), over what the noise of the response makes of it."""
-        return self.rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
+        """Misfit, (n, k), over what noise of the response and errors of the values make of it.
+
+        At a fold noise alone makes nothing of it.
+        """
+        by_value = self.rows.by_parameter
+        moved = by_value @ self.covariance @ by_value.swapaxes(1, 2)
+        rows = replace(self.rows, noise=self.rows.noise + moved)
+        return rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
 
     @property
     def unlikely(self) -> float:
