@@ -256,3 +256,19 @@ def test_a_record_that_a_hum_outlasts_ends_where_its_vibration_does(length, rate
         ends.append(Record.loud(rs.Decay(t, x), 1e-3).decay.t[-1])
     assert ends[0] == pytest.approx(6, abs=0.2)  # a cycle: over one the amplitude is taken
     assert ends[1] == pytest.approx(ends[0], abs=0.2)
+
+
+@pytest.mark.parametrize(("hum", "hertz"), [(0.1, 50.0), (0.1, 5.3), (0.1, 11.0)])
+def test_a_hum_that_outlasts_the_vibration_is_not_followed(hum, hertz):
+    """11 Hz that fade in seven cycles, and a hum for 30: over all of it the hum is in most cycles.
+
+    One of its own frequency is told by its size alone, and stays in.
+    """
+    t = np.arange(0, 3, 1 / 900)
+    vibration = np.exp(-2 * np.pi * 11 * 0.03 * t) * np.cos(2 * np.pi * 11 * t)
+    noise = 0.002 * np.random.default_rng(3).standard_normal(len(t))
+    x = vibration + hum * np.sin(2 * np.pi * hertz * t + 1) + noise
+    record = Record.loud(rs.Decay(t, x), 0.0)
+    rate = np.diff(record.spline.phase([0.0, record.t[-1]]))[0] / record.t[-1]
+    assert rate == pytest.approx(2 * np.pi * 11, rel=0.03)
+    assert (record.t[-1] < 1.3) == (hertz != 11)

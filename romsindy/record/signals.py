@@ -31,9 +31,9 @@ _QUIET = 0.1
 # Turning points without which no midline tells where a vibration rests; part of the rms of a few
 # cycles from which a level matters.
 _FEW, _MATTERS = 6, 0.07
-# A wave that stays: parts of a record at its end, how much louder the record is at most, cycles in
-# the end, and the departure of each quarter of it; the frequency is refined so often.
-_ENDS, _FADED, _MANY, _SAME, _REFINED = (2, 4, 8), 10.0, 20, 0.04, 4
+# A wave that stays: parts of a record at its end, and the departure of each quarter of it; the
+# frequency is refined so often.
+_ENDS, _SAME, _REFINED = (2, 4, 8), 0.04, 4
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -209,24 +209,28 @@ class Wave(NamedTuple):
         return np.real(self.size * np.exp(2j * np.pi * self.frequency * t))
 
 
-def steady_wave(x: Array, dt: float) -> Wave | None:
+def steady_wave(x: Array, dt: float, cycles: float = 20.0, louder: float = 10.0) -> Wave | None:
     """What goes on as a decay has faded, such as a hum; None where there is no such vibration.
 
-    It is most of the end of the signal, and the same in all quarters of that: what decays to a
-    tenth over the record, or is moved by a force that is noise, changes there.
+    It is most of the end of the signal, more than so many ``cycles``, and the same in all quarters
+    of that: what decays to a tenth over the record, or is moved by a force that is noise, changes
+    there. The signal is ``louder`` by so many times at least.
     """
     t = dt * np.arange(len(x))
     for part in _ENDS:
         end = slice(len(x) - len(x) // part, len(x))
         wave = _fitted_wave(t[end], x[end])
         left = x[end] - np.mean(x[end]) - wave(t[end])
-        cycles = wave.frequency * len(left) * dt
-        faded = _FADED * abs(wave.size) < np.abs(x).max() and cycles > _MANY
-        if not faded or np.var(left) > abs(wave.size) ** 2 / 4:  # half of its power
+        faded = louder * abs(wave.size) < np.abs(x).max()
+        if (
+            not faded
+            or wave.frequency * len(left) * dt <= cycles
+            or np.var(left) > abs(wave.size) ** 2 / 4
+        ):  # half of its power
             continue
-        turned = (x[end] - np.mean(x[end])) * np.exp(-2j * np.pi * wave.frequency * t[end])
+        turned = left * np.exp(-2j * np.pi * wave.frequency * t[end])
         each = [2 * np.mean(quarter) for quarter in np.array_split(turned, 4)]
-        if np.all(np.abs(np.array(each) - wave.size) < _SAME * abs(wave.size)):
+        if np.all(np.abs(each) < _SAME * abs(wave.size)):
             return wave
     return None
 

@@ -20,6 +20,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
 from romsindy.record.ringing import beside
+from romsindy.record.signals import steady_wave
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.spectrum import Line, Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
@@ -29,6 +30,9 @@ _FOLLOWS = 3  # powers of the amplitude
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
+# Cycles for which what goes on is heard, and how much louder the vibration is at least; logarithm
+# of frequencies of one vibration; rms over what goes on from which it is heard beside it.
+_GOES_ON, _OWN, _DROWNED = (8.0, 4.0), 0.1, 0.5
 _FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
@@ -89,7 +93,7 @@ class Record(Prepared):
 
         Raises a ValueError if less than three cycles stand out of the noise.
         """
-        decay = decay.single()
+        decay = _until_another(decay.single())
         white = noise_std(decay.signal)
         record = cls.of(_loud(decay, white), floor)
         # Coloured noise is louder than it seems from its quietest part; a hum goes on.
@@ -237,6 +241,22 @@ def _steps_per_cycle(noise_share: float) -> int:
     """Steps that keep the error of the integration, of order six, at about 1 % of the noise."""
     steps = 20 * (0.01 / max(noise_share, 1e-12)) ** (1 / 6)
     return int(np.clip(steps, _LEAST_STEPS, _MOST_STEPS))
+
+
+def _until_another(decay: Decay) -> Decay:
+    """Without an end, longer than the vibration, in which something else goes on, such as a hum.
+
+    Its cycles would be taken for those of the vibration.
+    """
+    wave = steady_wave(decay.signal, decay.dt, *_GOES_ON)
+    if wave is None:
+        return decay
+    centred, cycle = swing(decay.signal - wave(decay.t - decay.t[0]))
+    if abs(np.log(wave.frequency * cycle * decay.dt)) < _OWN:  # the vibration itself
+        return decay
+    envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
+    last = int(np.flatnonzero(np.append(True, envelope > _DROWNED * abs(wave.size)))[-1])
+    return decay if 2 * last > len(centred) else decay.between(decay.t[0], decay.t[last])
 
 
 def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
