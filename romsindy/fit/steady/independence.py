@@ -98,9 +98,8 @@ def verdict_of(points: SteadyPoints, solution: SteadySolution, given: bool) -> S
     The noise of the response was ``given``, or else found in what is left.
     """
     (n, k), n_fitted = solution.misfit.shape, len(solution.free)
-    power = float(np.sum(solution.over_noise**2)) if given else np.nan
     verdict = SteadyAdequacy(
-        ratio=np.sqrt(power / (n * k - n_fitted)),
+        ratio=solution.over_noise if given else np.nan,
         limit=float(points.amplitude.max()),
         unit=solution.model.unit,
         part=_of_force(solution.misfit),

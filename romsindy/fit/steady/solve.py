@@ -64,15 +64,19 @@ class SteadySolution:
         return self.rows.whitened(self.floor)[1].reshape(self.misfit.shape)
 
     @property
-    def over_noise(self) -> Array:
-        """Misfit, (n, k), over what noise of the response and errors of the values make of it.
+    def over_noise(self) -> float:
+        """Rms misfit over what noise of the response and errors of the values make of it.
 
         At a fold noise alone makes nothing of it.
         """
-        by_value = self.rows.by_parameter
+        rows, by_value = self.rows, self.rows.by_parameter
         moved = by_value @ self.covariance @ by_value.swapaxes(1, 2)
-        rows = replace(self.rows, noise=self.rows.noise + moved)
-        return rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
+        both = replace(rows, noise=rows.noise + moved).whitened(_ROUNDING)[1]
+        root = np.linalg.cholesky(rows.covariance(_ROUNDING))
+        part = np.linalg.solve(root, np.linalg.solve(root, moved).swapaxes(1, 2))
+        b = np.linalg.eigvalsh(part)
+        # Of unit noise a fit takes b away; where errors of the values are more, they are left.
+        return float(np.sqrt(np.sum(both**2) / np.sum(np.abs(1 - b) / (1 + b))))
 
     @property
     def unlikely(self) -> float:
