@@ -383,3 +383,22 @@ def test_what_is_foretold_is_the_evidence_of_both_records_over_that_of_one():
     expected = left + information(both) - information(one)
     # Of chi-squares of 1500; motions are linear in their values but for a part in a hundred.
     assert foretold(MODEL, one, {"b": b}) == pytest.approx(expected, abs=0.1)
+
+
+def test_a_hum_foretells_noise_no_better_than_nothing():
+    """Sizes of its own in another record fit noise: chi-square falls by one for each, 12 here."""
+    humming = wandering(3, 0.0, snr_db=30)
+    humming = replace(humming, q=humming.q + 0.05 * np.sin(2 * np.pi * 7.7 * humming.t))
+    a = Record.loud(humming, 0.0)
+    shown = scales([a])
+    free = [Part.of(e, shown, 1) for e in (LinearFrequency(), Viscous())]
+    hum = Part.of(EFFECTS["mains_hum"], shown, 1, [2 * np.pi * 7.7])
+    found = [fit(MODEL, [*parts, offsets([a])], [a]) for parts in ([*free, hum], free)]
+    assert all(f.converged for f in found)
+    hypotheses = [Hypothesis.of(MODEL, f, 2, [a]) for f in found]
+    gains = []
+    for seed in range(10, 18):
+        b = Record.loud(wandering(seed, 0.0, snr_db=30), 0.0)
+        gains.append(np.subtract(*(foretold(MODEL, h, {"b": b}) for h in hypotheses)))
+
+    assert abs(np.mean(gains)) < 5.2, gains  # three times sqrt(2 * 12 / 8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -303,20 +304,25 @@ def foretold(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Re
 
     Chi-square where values may be off as far as their errors let them, and what these leave open:
     log det(1 + S G), with S their covariance and G what the records say of them. Where a motion is
-    lost the values stand as they are.
+    lost the values stand as they are. A value that a record has for itself, as the sizes of a hum,
+    takes one of chi-square by chance.
     """
     near, n = motions_of(hypothesis), len(hypothesis.covariance)
-    products = np.zeros((n + 1, n + 1))
+    products, own = np.zeros((n + 1, n + 1)), 0
+    parts = [p for p in hypothesis.parts if not isinstance(p.effect, Bias)]  # all have a zero
+    for part, record in itertools.product(parts, tests.values()):
+        strengths = part.elsewhere(record.t).strengths.size
+        own += strengths - int(np.sum(part.shared[:strengths]))
     for name, record in tests.items():
         rows = _rows_of(model, hypothesis.parts, record, near.get(name))
         if rows is None:
-            return float(np.sum(misfit_of(model, hypothesis, tests) ** 2))
+            return float(np.sum(misfit_of(model, hypothesis, tests) ** 2)) + own
         products += rows.T @ rows
     sizes, axes = np.linalg.eigh(hypothesis.covariance)
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     whole, pull = np.eye(n) + root.T @ products[:n, :n] @ root, root.T @ products[:n, n]
     least = products[n, n] - pull @ np.linalg.solve(whole, pull)
-    return float(least + np.linalg.slogdet(whole)[1])
+    return float(least + np.linalg.slogdet(whole)[1]) + own
 
 
 def _rows_of(
