@@ -63,6 +63,10 @@ def test_a_level_that_stands_twice_with_other_values_is_told(more, said, phased)
     fit = rs.fit_steady(beam, w, force, q, unit="m", **({"phase": 0.0} if phased else {}))
     notes = [note for note in fit.notes if "stands twice" in note]
     assert bool(notes) == said
+    if phased:  # as a display rounds them, so that many are alike
+        q = np.abs(q) * np.exp(1j * np.radians(np.round(np.degrees(np.angle(q)))))
+        rounded = rs.fit_steady(beam, w, force, q, unit="m", phase=0.0)
+        assert any("stands twice" in note for note in rounded.notes) == said
     if said:
         rows = len(columns[0][0]), len(columns[0][0]) + len(columns[1][0])
         assert f"the level of 0.2 stands twice, in points {rows[0] + 1} to" in notes[0]

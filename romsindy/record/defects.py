@@ -76,7 +76,7 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     if len(here) < _RATE or not np.any(power[here]):
         return 0.0, np.zeros(n)  # hardly a cycle between holes
     if n - begin < _TAPER * cycle:
-        return level_of_few(x[begin - round(cycle) :], cycle), np.zeros(n)
+        return level_of_few(x[max(begin - round(cycle), 0) :], cycle), np.zeros(n)
     here, alive = _moving(here, power[here], noise_std(x) ** 2)
     if len(here) < _RATE:
         return 0.0, np.zeros(n)  # hardly a cycle before it comes to rest

@@ -222,11 +222,8 @@ def steady_wave(x: Array, dt: float, cycles: float = 20.0, louder: float = 10.0)
         wave = _fitted_wave(t[end], x[end])
         left = x[end] - np.mean(x[end]) - wave(t[end])
         faded = louder * abs(wave.size) < np.abs(x).max()
-        if (
-            not faded
-            or wave.frequency * len(left) * dt <= cycles
-            or np.var(left) > abs(wave.size) ** 2 / 4
-        ):  # half of its power
+        lasts = wave.frequency * len(left) * dt > cycles
+        if not (faded and lasts) or np.var(left) > abs(wave.size) ** 2 / 4:  # half of its power
             continue
         turned = left * np.exp(-2j * np.pi * wave.frequency * t[end])
         each = [2 * np.mean(quarter) for quarter in np.array_split(turned, 4)]

@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 from scipy.stats import f as fdist
 
@@ -269,7 +268,8 @@ def _repeated(points: SteadyPoints, solution: SteadySolution) -> list[str]:
         force = np.abs(points.force[np.concatenate([one, other])])
         order = other[np.argsort(at[other])]
         table = np.column_stack([points.amplitude, misfit])
-        rest = make_interp_spline(at[order], table[order], k=1)(at[one], extrapolate=False)
+        ends = {"left": np.nan, "right": np.nan}
+        rest = np.stack([np.interp(at[one], at[order], x[order], **ends) for x in table.T], axis=1)
         with np.errstate(invalid="ignore"):  # beyond the other run
             beside = np.abs(np.log(rest[:, 0] / points.amplitude[one])) < _BRANCH
         if np.ptp(force) > SAME_LEVEL * force.max() or np.count_nonzero(beside) < _RUN:
@@ -277,8 +277,8 @@ def _repeated(points: SteadyPoints, solution: SteadySolution) -> list[str]:
         same = one[beside]
         off, columns = (misfit[same] - rest[beside, 1:]).ravel(), np.concatenate(own[same])
         moved = columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
-        free = len(off) - columns.shape[1]
-        ratio = (moved @ moved / columns.shape[1]) / ((off - moved) @ (off - moved) / free)
+        free, left = len(off) - columns.shape[1], max(float(np.sum((off - moved) ** 2)), 1e-300)
+        ratio = (moved @ moved / columns.shape[1]) / (left / free)
         part = _of_force(moved.reshape(len(same), -1))
         if part > _REPEATS and fdist.sf(ratio, columns.shape[1], free) < _BY_CHANCE:
             first, second = (f"{r[0] + 1} to {r[-1] + 1}" for r in (one, other))
