@@ -6,8 +6,10 @@ Two modes with cubic stiffness, half of the time coupled, are driven by noise, a
 sweep over both, in turn by seed; two sensors show both, or one does for two seeds in five. 1 %
 noise. The motion is integrated by scipy's DOP853, which shares nothing with the package. The number
 of coordinates is "auto". Printed: coordinates, the error with which the last fifth of the record,
-not fitted, is predicted from the state of its first fiftieth, over the noise, and how many of the
-linear and cubic values lie in their 95 % intervals.
+not fitted, is predicted from the state of its first fiftieth, over the noise, how many of the
+linear and cubic values lie in their 95 % intervals, and, with two sensors, how many amplitudes of
+both coordinates under a harmonic force near both resonances, as scipy brings it to rest in time,
+lie in the bands that are foretold.
 """
 
 import numpy as np
@@ -18,7 +20,11 @@ from seeds import parser_of, tried
 from romsindy import ForcedVibration, identify
 
 KINDS = ("noise", "multisine", "sweep")
+SOLVER = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10}
 NOISE, SAMPLES, PART = 0.01, 8192, 0.8
+# Of a harmonic force: largest linear amplitude, frequencies over each resonance, by how much they
+# differ from it, and time constants until it is steady.
+LARGEST, NEAR, WIDE, LONG = 0.3, 7, 0.06, 12.0
 
 
 def driven(seed):
@@ -49,15 +55,32 @@ def driven(seed):
         values = np.sin(turns) @ size
         force = CubicSpline(fine, values / values.std())
 
+    def pull(a, v):
+        coupling = 2 * mixed * np.array([a[0] * a[1] ** 2, a[0] ** 2 * a[1]])
+        stiff, damped = omega**2 * a.T, 2 * zeta * omega * v.T
+        return (stiff + damped + cubic * a.T**3).T + coupling
+
     def motion(gain):
         def rate(s, state):
             a, v = state[:2], state[2:]
-            coupling = 2 * mixed * np.array([a[0] * a[1] ** 2, a[0] ** 2 * a[1]])
-            pull = omega**2 * a + 2 * zeta * omega * v + cubic * a**3 + coupling
-            return np.concatenate([v, gain * slow**2 * part * force(s) - pull])
+            return np.concatenate([v, gain * slow**2 * part * force(s) - pull(a, v)])
 
-        given = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10, "t_eval": t}
-        return solve_ivp(rate, (0, t[-1]), np.zeros(4), **given).y[:2].T
+        return solve_ivp(rate, (0, t[-1]), np.zeros(4), t_eval=t, **SOLVER).y[:2].T
+
+    def steady(w, size):
+        """First harmonics of both under size cos(w t), (n, 2), as they settle from rest."""
+        turns = 2 * np.pi * np.arange(256) / 256
+        settled = 2 * np.pi * np.ceil(LONG / (zeta * omega).min() * w.max() / (2 * np.pi))
+
+        def rate(phase, state):  # all frequencies at once, each by its own time
+            a, v = state.reshape(2, 2, -1)
+            push = size * gain * slow**2 * np.outer(part, np.cos(phase) + 0 * w)
+            return np.concatenate([v / w, (push - pull(a, v)) / w]).ravel()
+
+        span = (0, settled + turns[-1])
+        rest = np.zeros(4 * len(w))
+        a = solve_ivp(rate, span, rest, t_eval=settled + turns, **SOLVER).y[: 2 * len(w)]
+        return np.abs(a @ np.exp(-1j * turns)).reshape(2, -1).T / len(turns) * 2
 
     gain = 0.02
     for _ in range(4):
@@ -70,12 +93,26 @@ def driven(seed):
     truth = {f"omega^2 [q{i + 1}]": omega[i] ** 2 for i in range(2)}
     truth |= {f"c_linear [q{i + 1}]": 2 * zeta[i] * omega[i] for i in range(2)}
     truth |= {f"gamma_3 [q{i + 1}]": cubic[i] for i in range(2)} if sensors == 2 else {}
-    return ForcedVibration(t, y, force(t), unit="m", inputs="force"), noise, truth
+    w = np.outer(omega, np.linspace(1 - WIDE, 1 + WIDE, NEAR)).ravel()
+    size = LARGEST / np.max(np.abs(gain * slow**2 * part) / (2 * zeta * omega**2))
+    harmonic = (w, size, steady(w, size)) if sensors == 2 else None
+    return ForcedVibration(t, y, force(t), unit="m", inputs="force"), noise, truth, harmonic
+
+
+def held(fit, harmonic):
+    """Which amplitudes, (n, 2), lie in the band of a response that is foretold there."""
+    w, size, amplitude = harmonic
+    band = fit.forced_response(size, (0.99 * w.min(), 1.01 * w.max()))
+    return [
+        any(s.low[i] <= a <= s.high[i] for s in band.steady_states(at))
+        for at, both in zip(w, amplitude, strict=True)
+        for i, a in enumerate(both)
+    ]
 
 
 def trial(seed):
-    """Coordinates, the error of the prediction over the noise, and which intervals hold."""
-    record, noise, truth = driven(seed)
+    """Coordinates, the error of the prediction over the noise, which intervals and bands hold."""
+    record, noise, truth, harmonic = driven(seed)
     last = record.t[-1] * PART
     fit = identify(record.between(end=last), "auto")
     rest = record.between(start=last)
@@ -85,24 +122,28 @@ def trial(seed):
     for name in {*truth} & {*fit.model.coefficients}:
         low, high = fit.interval(name)
         holds.append(bool(low <= truth[name] <= high))
-    return seed, record.n_channels, fit.model.n_coordinates, float(np.sqrt(np.mean(off**2))), holds
+    count = fit.model.n_coordinates
+    bands = held(fit, harmonic) if harmonic and count == 2 else []
+    return seed, record.n_channels, count, float(np.sqrt(np.mean(off**2))), holds, bands
 
 
 def main(arguments=None):
     given = parser_of(__doc__, 30).parse_args(arguments)
     two = predicted = 0
-    every = []
-    for seed, channels, count, error, holds in tried(given, trial):
+    every, amplitudes = [], []
+    for seed, channels, count, error, holds, bands in tried(given, trial):
         two, predicted = two + (count == 2), predicted + (error <= 1.3)
-        every += holds
+        every, amplitudes = every + holds, amplitudes + bands
         print(
             f"{seed} {KINDS[seed % 3]}, {channels} sensors: {count} coordinates; held out"
-            f" {error:.2f} times the noise; intervals {sum(holds)} of {len(holds)}",
+            f" {error:.2f} times the noise; intervals {sum(holds)} of {len(holds)}; amplitudes"
+            f" {sum(bands)} of {len(bands)}",
             flush=True,
         )
     print(
         f"of {given.count}: two coordinates {two}; held out at most 1.3 times the noise"
-        f" {predicted}; intervals hold {100 * np.mean(every):.0f} % of {len(every)}"
+        f" {predicted}; intervals hold {100 * np.mean(every):.0f} % of {len(every)}; bands"
+        f" {100 * np.mean(amplitudes or np.nan):.0f} % of {len(amplitudes)} amplitudes"
     )
     return two, predicted, float(np.mean(every))
 

@@ -210,12 +210,6 @@ def test_a_quick_sweep_jumps_late(run, tmp_path):
     assert "rising frequency at 1e-07 Hz/s" in up.output and "falling" not in up.output
     quick = run("predict", "found.json", *given, "--sweep-rate", 1e-2, "--overwrite")
     assert "where it jumps is no more than a guess" in quick.output
-    coupled = {"omega^2 [q1]": 1.0, "omega^2 [q2]": 9.0, "c_linear [q1]": 0.1, "c_linear [q2]": 0.1}
-    (tmp_path / "two.json").write_text(rs.CoupledModel.from_coefficients(coupled).to_json())
-    refused = run("predict", "two.json", "--force", "1,0", "--sweep-rate", 1)
-    assert (
-        refused.exit_code != 0 and "known of one coordinate alone; leave it out" in refused.stderr
-    )
     none = run("predict", "found.json", "--force", 1e-3 * FORCE, "--sweep-rate", 1)
     assert "A sweep jumps nowhere in this range." in none.output
 
@@ -259,6 +253,69 @@ def test_several_coordinates_move_by_the_closed_form(run, tmp_path):
         np.testing.assert_allclose(found[f"amplitude {name} [m]"], size, rtol=1e-3)
     refused = run("predict", "pair.json", "--force", 0.5)
     assert refused.exit_code == 2 and "has 1 of 2 numbers: give one for each" in refused.stderr
+
+
+def test_the_bands_of_coupled_coordinates_are_the_closed_form(run, tmp_path):
+    """Two masses with a spring and a damper between them, one input on both, and its errors."""
+    named = {"omega^2 [q1]": K, "omega^2 [q2]": 1.3 * K, "omega^2 [q1 - q2]": 0.4 * K}
+    named |= {"c_linear [q1]": C, "c_linear [q1 - q2]": 0.5 * C}
+    named |= {"gain [force] [q1]": 0.7, "gain [force] [q2]": -0.3}
+    save(rs.CoupledModel.from_coefficients(named, "m"), 3e-4)
+    arguments = ["--force", 2, "--frequency", "7:14", "--csv", "t.csv", "--figure", "t.svg"]
+    done = run("predict", "found.json", *arguments)
+    assert done.exit_code == 0 and "Response to a force of 2 (unit of the input)" in done.stdout
+    found = columns(tmp_path / "t.csv")
+    w = 2 * np.pi * found["frequency [Hz]"]
+
+    def size(values):
+        k1, k2, k, c1, c, *gain = values.values()
+        stiff = np.array([[k1 + k, -k], [-k, k2 + k]])
+        damping = np.array([[c1 + c, -c], [-c, c]])
+        rows = stiff - w[:, None, None] ** 2 * np.eye(2) + 1j * w[:, None, None] * damping
+        return np.linalg.solve(rows, 2 * np.array(gain)[:, None])[..., 0].T
+
+    q, off = size(named), 1e-6
+    slopes = [np.abs(size(named | {n: (1 + off) * x})) - np.abs(q) for n, x in named.items()]
+    half = 1.96 * 3e-4 / off * np.linalg.norm(slopes, axis=0)
+    # The first coordinate nearly stands still between the resonances, where lines are bent.
+    clear = np.abs(q) > 0.05 * np.abs(q).max(axis=1)[:, None]
+    for i, name in enumerate(("q1", "q2")):
+        at = clear[i]
+        shown = found[f"displacement {name} [m]"]
+        np.testing.assert_allclose(shown, np.abs(q[i]), rtol=2e-3, atol=2e-3 * np.abs(q[i]).max())
+        turned = np.exp(1j * np.radians(found[f"phase {name} [deg]"])) - q[i] / np.abs(q[i])
+        assert np.abs(turned[at]).max() < 0.02
+        wide = (found[f"high {name} [m]"] - found[f"low {name} [m]"])[at]
+        np.testing.assert_allclose(wide, 2 * half[i][at], rtol=0.2)  # as known from 400 draws
+    peak = re.search(r"Largest: (\S+) m \((\S+) to (\S+)\) and (\S+) m \((\S+) to", done.stdout)
+    assert peak and float(peak[2]) < float(peak[1]) < float(peak[3])
+
+
+def test_a_band_does_not_know_how_coordinates_are_counted():
+    """A hardening direction beside a stiff one, turned by an angle: the same jumps and bands."""
+    w = np.array([0.6, 0.8])
+    along, across = "[0.6 q1 + 0.8 q2]", "[0.8 q1 - 0.6 q2]"
+    named = {f"omega^2 {along}": 1.0, f"gamma_3 {along}": GAMMA, f"c_linear {along}": 0.05}
+    named |= {f"omega^2 {across}": 30.0, f"c_linear {across}": 0.3}
+    pair, one = rs.CoupledModel.from_coefficients(named), rs.ReducedModel.from_coefficients(DUFFING)
+    variance = np.diag([1e-3, 3e-3, 1e-3]) ** 2
+    bands = [
+        rs.Estimate(model, free, variance, VERDICT, ()).forced_response(force, (0.8, 1.7))
+        for model, free, force in (
+            (pair, tuple(named)[:3], FORCE * w),
+            (one, ("omega^2", "gamma_3", "c_linear"), FORCE),
+        )
+    ]
+    turned, plain = bands
+    assert [fold.rising for fold in turned.folds] == [fold.rising for fold in plain.folds]
+    for rate in (1e-5, -1e-5):
+        (two,), (lone,) = turned.jumps(rate), plain.jumps(rate)
+        assert two.frequency == pytest.approx(lone.frequency, rel=1e-4)
+        assert two.high - two.low == pytest.approx(lone.high - lone.low, rel=0.1)
+    at = np.array([0.9, 1.1, 1.2, 1.6])
+    for branch in ("upper", "lower"):
+        for several, single in zip(turned.at(at, branch), plain.at(at, branch), strict=True):
+            np.testing.assert_allclose(several, np.outer(single, w), rtol=3e-3)
 
 
 @pytest.mark.slow

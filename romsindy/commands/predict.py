@@ -74,7 +74,6 @@ _TOO_QUICK = (
     "So quick a sweep does not follow the response: where it jumps is no more than a guess."
 )
 _AT_END = "That is at an end of the range: a wider --frequency shows more."
-_SEVERAL = "No band: errors of several coordinates are not followed into a response."
 _UNTRACED = re.compile(
     r"start (there|at the other end), frequency=\([^)]*\)(, or go on beyond it)?"
 )
@@ -305,24 +304,17 @@ def _forced(
 ) -> Foretold:
     """The response, with its band where it is known.
 
-    Raises a ValueError if none is found in the range, or the forces are not for the model, or a
-    rate, Hz/s, for one of several coordinates.
+    Raises a ValueError if none is found in the range, or the forces are not for the model.
     """
     wanted = 1 if inputs_of(model) else model.n_coordinates
     if np.size(force) != wanted:
         remedy = "one" if wanted == 1 else "one for each coordinate, 0 where none acts"
         raise ValueError(f"--force has {np.size(force)} of {wanted} numbers: give {remedy}")
-    if sweep_rate and model.numbered:
-        raise ValueError(
-            f"--sweep-rate {sweep_rate:g}: how late a sweep jumps is known of one coordinate alone;"
-            " leave it out for the folds, at which a slow one does"
-        )
     what, unit, remark = _excitation(found, model)
     title = f"{what} of {', '.join(f'{f:g}' for f in np.atleast_1d(force))} {unit}"
     low, high = np.multiply(asked, _HERTZ).tolist() if asked else _usual(found, model)
     scale = _smoothing(model, float(np.max(np.abs(force))))
-    known = None if found is None or model.numbered else found
-    response = _followed(known or model, force, (low, high), scale, title)
+    response = _followed(found or model, force, (low, high), scale, title)
     band = response if isinstance(response, ForcedBand) else None
     orbits = response.response if isinstance(response, ForcedBand) else response
     inside = np.delete(orbits.frequency, orbits.folds)  # where two responses are one
@@ -330,7 +322,9 @@ def _forced(
     at = np.unique([low, high, *inside, *([] if band is None else band.peak[:1])])
     states = response.steady_states(at)
     top = max(states, key=lambda state: float(state.amplitude.max()))
-    ends = (np.nan, np.nan) if band is None else band.peak_band
+    if band is not None and not model.numbered:
+        low_most, high_most = np.atleast_1d(*band.peak_band)
+        top = top._replace(low=low_most, high=high_most)
     folds = orbits.jumps if band is None else band.folds
     turns = [fold for fold in folds if low <= fold.frequency <= high]
     late = _late(model, response, folds, sweep_rate) if sweep_rate and turns else {}
@@ -339,7 +333,7 @@ def _forced(
     shown = "amplitude" if band is None else str(QUANTITIES[band.rate])
     unit_shown = response.unit or "unit of q"
     lines = [
-        _largest(top._replace(low=ends[0], high=ends[1]), unit_shown),
+        _largest(top, unit_shown),
         _AT_END if top.frequency in (low, high) else "",
         "A sweep jumps nowhere in this range." if sweep_rate and not turns else "",
         *([] if late else map(_jump, turns)),
@@ -347,7 +341,7 @@ def _forced(
         _TOO_QUICK if quick else "",
         remark,
         f"Dry friction is made smooth below {scale:.3g} {model.unit or '[q]'}/s." if scale else "",
-        _ALONE if found is None else "" if band else _SEVERAL,
+        _ALONE if found is None else "",
         *map(_note, (orbits.leaves, orbits.untraced) if band is None else band.notes),
     ]
     chosen = {*at[_some(len(at))].tolist(), top.frequency}
@@ -418,8 +412,8 @@ def _columns(
         end = f" {q}" if model.numbered else ""
         columns |= {
             f"{shown}{end} [{unit}]": [_plain(s.amplitude[i]) for s in states],
-            f"low{end} [{unit}]": [_plain(s.low) for s in states],
-            f"high{end} [{unit}]": [_plain(s.high) for s in states],
+            f"low{end} [{unit}]": [_plain(s.low[i]) for s in states],
+            f"high{end} [{unit}]": [_plain(s.high[i]) for s in states],
             f"phase{end} [deg]": [_plain(round(np.degrees(s.phase[i]), 2)) for s in states],
         }
     return columns | {"stable": [s.stable for s in states]}
@@ -430,9 +424,9 @@ def _between(low: float, high: float, digits: int) -> str:
 
 
 def _largest(state: SteadyState, unit: str) -> str:
-    size = " and ".join(f"{a:.4g}" for a in state.amplitude)
-    ends = _between(state.low, state.high, 4)
-    return f"Largest: {size} {unit}{ends} at {state.frequency / _HERTZ:.6g} Hz."
+    ends = zip(state.amplitude, state.low, state.high, strict=True)
+    size = " and ".join(f"{a:.4g} {unit}{_between(low, high, 4)}" for a, low, high in ends)
+    return f"Largest: {size} at {state.frequency / _HERTZ:.6g} Hz."
 
 
 def _late(

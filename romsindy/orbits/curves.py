@@ -86,6 +86,14 @@ class PeriodicOrbits(Framed):
     def __len__(self) -> int:
         return len(self.frequency)
 
+    @property
+    def series(self) -> Array:
+        """The coefficients as a_0, a_1, b_1, ... of cosines and sines, (n, 2 H + 1, R)."""
+        real, imaginary = self.coefficients.real, self.coefficients.imag
+        c = np.zeros((len(self), 2 * real.shape[1] - 1, *real.shape[2:]))
+        c[:, 0], c[:, 1::2], c[:, 2::2] = real[:, 0], real[:, 1:], -imaginary[:, 1:]
+        return c
+
     def motion(self, index: int, n_samples: int = 200) -> tuple[Array, Array]:
         """Time in s, (n_samples,), and displacement, (n_samples, R), over one period."""
         phase = np.linspace(0, 2 * np.pi, n_samples)
@@ -135,14 +143,6 @@ class BackboneCurve(PeriodicOrbits):
 
     _columns = (*PeriodicOrbits._columns, "negative_damping", "stable")
 
-    @property
-    def series(self) -> Array:
-        """The coefficients as a_0, a_1, b_1, ... of cosines and sines, (n, 2 H + 1, R)."""
-        real, imaginary = self.coefficients.real, self.coefficients.imag
-        c = np.zeros((len(self), 2 * real.shape[1] - 1, *real.shape[2:]))
-        c[:, 0], c[:, 1::2], c[:, 2::2] = real[:, 0], real[:, 1:], -imaginary[:, 1:]
-        return c
-
     @cached_property
     def multipliers(self) -> NDArray[np.complex128]:
         """Floquet multipliers, (n, 2 R), the largest first, but those that are always 1 last.
@@ -181,8 +181,8 @@ class SteadyState(NamedTuple):
     # (R,), by which the first harmonic leads the excitation, rad, from -pi to pi; nan without one
     phase: Array
     stable: bool
-    low: float = np.nan  # ends of the 95 % band, where there is one
-    high: float = np.nan
+    low: Array  # (R,), ends of the 95 % bands; nan where there are none
+    high: Array
 
 
 class Fold(NamedTuple):
@@ -240,7 +240,7 @@ class ForcedResponse(PeriodicOrbits):
     bifurcations : tuple of Bifurcation
         "fold", "branch point", "period doubling" or "Neimark-Sacker", in the order of the branch.
     limit : float or None
-        Largest amplitude of the data behind the model of one coordinate, where it has one.
+        Largest amplitude of the data behind the model, where it is known.
     untraced : str
         What was not followed, in a sentence: frequencies that a branch which turned back did not
         reach, or another response where it ends. Empty where there is no such.
@@ -258,8 +258,7 @@ class ForcedResponse(PeriodicOrbits):
     @property
     def beyond(self) -> NDArray[np.bool_]:
         """Whether an orbit is larger than any motion of the data behind the model, (n,)."""
-        one = self.amplitude if self.amplitude.ndim == 1 else np.zeros(len(self))
-        return self.larger(one)
+        return self.larger(self.amplitude.reshape(len(self), -1).max(axis=1))
 
     def larger(self, amplitude: Array) -> NDArray[np.bool_]:
         """Whether amplitudes, (n,), are larger than those of the data."""
@@ -298,7 +297,8 @@ class ForcedResponse(PeriodicOrbits):
                 sizes, real, imaginary = np.split(row[2:], 3)
                 some = np.hypot(real, imaginary) > _APART * sizes
                 phase = np.where(some, np.arctan2(imaginary, real), np.nan)
-                found.append(SteadyState(omega, sizes, phase, bool(stable)))
+                unknown = np.full_like(sizes, np.nan)
+                found.append(SteadyState(omega, sizes, phase, bool(stable), unknown, unknown))
         return found
 
     @property
@@ -454,7 +454,7 @@ class Estimated(Protocol[_Band]):
     """What knows the errors of its model, as `romsindy.Estimate` does."""
 
     def forced_response(
-        self, force: float, frequency: tuple[float, float], *args: Any, **kwargs: Any
+        self, force: Any, frequency: tuple[float, float], *args: Any, **kwargs: Any
     ) -> _Band:
         """Response with its band."""
 
@@ -499,7 +499,7 @@ def forced_response(
     Parameters
     ----------
     model : ReducedModel, CoupledModel or Estimate
-        Of an `Estimate`, such as a `SteadyFit`, of one coordinate: its own ``forced_response``.
+        Of an `Estimate`, such as a `SteadyFit`, its own ``forced_response``.
     force : float or (R,) array
         Amplitude of the force per unit mass, unit of q per s^2: positive, or those on the R
         coordinates of a `CoupledModel`, such as the mode shapes at the point of a force times it.
@@ -566,7 +566,7 @@ def forced_response(
         multipliers=multipliers,
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
-        limit=None if model.numbered else (model.amplitude_range or (0.0, None))[1],
+        limit=(model.amplitude_range or (0.0, None))[1],
         untraced=_untraced(
             branch, partial(_led, resting, ladder, rest, (0.0, 1.0), steps, ""), last
         ),

@@ -191,10 +191,11 @@ class HarmonicBalance:
         return (b.projection @ by_c.reshape(*lead, len(b.values), -1)).reshape(*lead, m, m)
 
     def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float | Array) -> Array:
-        """Derivatives of `residual` by coefficients of one coordinate, (..., m, n_terms)."""
-        motion = self.motion(c, omega)
-        q, q_dot, q_ddot = (x[..., 0] for x in motion)
-        half = self._half(motion[2], omega)[..., 0]
+        """Derivatives of `residual` by coefficients, (..., m, n_terms)."""
+        q, q_dot, q_ddot = self.motion(c, omega)
+        half = self._half(q_ddot, omega)
+        if not self.model.numbered:  # laws of one coordinate know of no axis R
+            q, q_dot, q_ddot, half = (x[..., 0] for x in (q, q_dot, q_ddot, half))
         forces = [
             np.broadcast_to(
                 term.strong(q, q_dot, q_ddot)
@@ -204,7 +205,8 @@ class HarmonicBalance:
             )
             for term in terms
         ]
-        return self.basis.projection @ np.stack(forces, axis=-1)
+        by_sample = np.stack(forces, axis=-1).reshape(*c.shape[:-2], len(self.basis.values), -1)
+        return (self.basis.projection @ by_sample).reshape(*c.shape[:-2], -1, len(terms))
 
     def leftover(self, c: Array, omega: float) -> float:
         """Largest force that the harmonics beyond H leave in an equation, relative.

@@ -41,10 +41,10 @@ class LateJump(NamedTuple):
 
 
 def jumps(model: Equations, response: ForcedResponse, rate: float) -> list[LateJump]:
-    """Jumps of a sweep along a response of a model of one coordinate; ``rate`` in rad/s^2.
+    """Jumps of a sweep along a response of a model; ``rate`` in rad/s^2.
 
     A rising sweep jumps at folds where the frequency is largest, a falling one where it is least.
-    A delay has the sign of the rate, and ends where the amplitude changes fastest.
+    A delay has the sign of the rate, and ends where amplitudes change fastest.
     """
     w = response.frequency
     turns = [k for k in response.folds.tolist() if (2 * w[k] - w[k - 1] - w[k + 1]) * rate > 0]
@@ -53,22 +53,23 @@ def jumps(model: Equations, response: ForcedResponse, rate: float) -> list[LateJ
 
 def _delay(model: Equations, response: ForcedResponse, k: int, rate: float) -> float:
     balance = HarmonicBalance(model, min(_HARMONICS, response.coefficients.shape[1] - 1))
-    w, c = response.frequency, _series(response)[:, : 2 * balance.n_harmonics + 1, None]
+    w, kept = response.frequency, 2 * balance.n_harmonics + 1
+    c = response.series.reshape(len(response), -1, model.n_coordinates)[:, :kept]
     scale = _by_airy(balance, c[k], float(w[k]), rate)
     side = -1 if response.stable[k - 1] else 1
     i = k + side
     while 0 < i < len(w) - 1 and abs(w[k] - w[i]) < _BEFORE * scale:
         i += side
-    force = np.zeros(c[0].size)
+    force = np.zeros_like(c[0])
     force[1] = response.force
     start = float(w[i])
 
     def flow(t: float, x: Array) -> Array:
-        at = x[:, None], start + rate * t
-        return np.linalg.solve(balance.by_rate(*at), force - balance.residual(*at))
+        at = balance.series(x), start + rate * t
+        return np.linalg.solve(balance.by_rate(*at), force.ravel() - balance.residual(*at))
 
     def slope(t: float, x: Array) -> Array:
-        at = x[:, None], start + rate * t
+        at = balance.series(x), start + rate * t
         return -np.linalg.solve(balance.by_rate(*at), balance.linearise(*at)[1])
 
     until = (abs(w[k] - start) + _AFTER * scale) / abs(rate)
@@ -83,7 +84,7 @@ def _delay(model: Equations, response: ForcedResponse, k: int, rate: float) -> f
         atol=_PRECISION * size / 10,
         jac=slope,
     )
-    first = np.hypot(*found.y[1:3])
+    first = np.linalg.norm(found.y.reshape(*force.shape, -1)[1:3], axis=(0, 1))
     before = int(np.searchsorted(found.t, abs(w[k] - start) / abs(rate)))
     moved = first[before:] - first[before]
     sense = np.sign(moved[np.argmax(np.abs(moved))])
@@ -96,16 +97,9 @@ def _by_airy(balance: HarmonicBalance, c: Array, omega: float, rate: float) -> f
     _, by_c, by_omega = balance.linearise(c, omega)
     u, _, vt = np.linalg.svd(by_c)
     left, right = u[:, -1], vt[-1]
-    step = 1e-3 * np.abs(c).max() * right[:, None]
+    step = 1e-3 * np.abs(c).max() * balance.series(right)
     ahead, here, behind = (balance.residual(c + x, omega) for x in (step, 0 * step, -step))
     speed = left @ balance.by_rate(c, omega) @ right
     a = left @ by_omega / speed
     b = left @ (ahead - 2 * here + behind) / (2 * speed * float(np.sum(step**2)))
     return float(_AIRY * np.cbrt(rate**2 / abs(a * b)))
-
-
-def _series(response: ForcedResponse) -> Array:
-    """Coefficients a_0, a_1, b_1, ... of the orbits, (n, 2 H + 1)."""
-    c = response.coefficients
-    parts = np.stack([c.real, -c.imag], axis=2).reshape(len(c), -1)
-    return np.delete(parts, 1, axis=1)

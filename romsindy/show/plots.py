@@ -315,16 +315,18 @@ def plot_forced_response(
     ax = _orbit_axes(response, ax)
     if isinstance(response, ForcedBand):
         ax.set_ylabel(with_unit("amplitude of the first harmonic", response.unit))
-        _forced_band(ax, response, color)
         orbits, amplitudes = response.response, response.along
     else:
         orbits, amplitudes = response, response.amplitude
     force = listed([f"{f:.3g}" for f in np.atleast_1d(orbits.force)])
     label = label or f"{force} {orbits.unit or '[q]'}/s$^2$,"
     lines = amplitudes.reshape(len(orbits), -1).T
-    for i, amplitude in enumerate(lines):
+    colors = [color, *(f"C{i}" for i in range(1, len(lines)))]
+    if isinstance(response, ForcedBand):
+        _forced_band(ax, response, colors)
+    for i, (amplitude, own_color) in enumerate(zip(lines, colors, strict=True)):
         own = f"{label} q{i + 1}" if len(lines) > 1 else label
-        _stretches(ax, orbits, amplitude, own, color if i == 0 else f"C{i}")
+        _stretches(ax, orbits, amplitude, own, own_color)
     for kind in dict.fromkeys(b.kind for b in orbits.bifurcations):
         where = [b.index for b in orbits.bifurcations if b.kind == kind]
         _mark(ax, orbits.frequency[where], lines[:, where], kind)
@@ -332,13 +334,18 @@ def plot_forced_response(
     return ax
 
 
-def _forced_band(ax: Axes, band: ForcedBand, color: str) -> None:
-    """The bands of the larger and of the smaller response, where there are two."""
-    hz = band.frequency / (2 * np.pi)
-    lower = band.at(band.frequency, "lower")
-    ax.fill_between(hz, band.low, band.high, color=color, alpha=0.25, lw=0, label="95 %")
-    two = lower.amplitude < band.amplitude
-    ax.fill_between(hz, lower.low, lower.high, where=two, color=color, alpha=0.25, lw=0)
+def _forced_band(ax: Axes, band: ForcedBand, colors: Sequence[str]) -> None:
+    """The bands of the larger and of the smaller response of each coordinate, if there are two."""
+    hz, n = band.frequency / (2 * np.pi), len(band.frequency)
+    upper, lower = (
+        [x.reshape(n, -1).T for x in band.at(band.frequency, branch)]
+        for branch in ("upper", "lower")
+    )
+    for i, color in enumerate(colors):
+        look: dict[str, Any] = {"color": color, "alpha": 0.25, "lw": 0}
+        ax.fill_between(hz, upper[1][i], upper[2][i], label=None if i else "95 %", **look)
+        two = lower[0][i] != upper[0][i]
+        ax.fill_between(hz, lower[1][i], lower[2][i], where=two, **look)
 
 
 def _stretches(

@@ -24,7 +24,8 @@ from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import model_from_json
 from romsindy.physics.coupling import SlavedInertia
-from romsindy.physics.equations import Equations, gain_of, inputs_of, without_inputs
+from romsindy.physics.equations import Equations, gain_of, without_inputs
+from romsindy.physics.input import input_in
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import json_text, read_json
@@ -349,7 +350,7 @@ class Estimate:
 
     def forced_response(
         self,
-        force: float,
+        force: ArrayLike,
         frequency: tuple[float, float],
         n_harmonics: int | None = None,
         *,
@@ -360,8 +361,8 @@ class Estimate:
 
         Parameters
         ----------
-        force : float
-            Amplitude per unit mass, unit of q per s^2; of a model with an input, in its unit.
+        force : float or (R,) array
+            As that of `romsindy.forced_response`.
         frequency, n_harmonics, velocity_scale, n_points
             As those of `romsindy.forced_response`.
 
@@ -373,34 +374,38 @@ class Estimate:
         Raises
         ------
         ValueError
-            As `romsindy.forced_response`, and for a model of several coordinates.
+            As `romsindy.forced_response`.
         """
-        gain, model = gain_of(self.model), self.single_model
-        inputs = inputs_of(model)
-        drives = {term.key for term in inputs}
-        names = tuple(name for name in self.free if name not in drives)
-        # The errors of the force are those of the gain, relative to it.
-        order = [*map(self.free.index, names), *(i for i, n in enumerate(self.free) if n in drives)]
-        covariance = np.zeros((len(names) + 1, len(names) + 1))
-        scale = np.append(np.ones(len(names)), 1 / gain)[: len(order)]
-        covariance[: len(order), : len(order)] = (
-            self.covariance[np.ix_(order, order)] * scale * scale[:, None]
-        )
-        v, rate = self.verdict, model.linear_modes[0][0]
-        moves = [float(np.hypot(v.departure, moved)) for moved in (v.frequency, v.damping)]
+        model, v = self.model, self.verdict
+        drives = [term for term in model.terms if input_in(term)]
+        acting = input_in(drives[0]) if drives else None
+        given = checked_force(force, 1 if drives else model.n_coordinates)
+        forces = (acting.sign if acting else 1) * gain_of(model) * given
+        back = -1 if forces[np.argmax(np.abs(forces))] < 0 else 1
+        names = tuple(name for name in self.free if name not in {term.key for term in drives})
+        slopes = np.zeros((len(names) + len(forces), len(self.free)))
+        slopes[range(len(names)), [*map(self.free.index, names)]] = 1.0
+        unit = replace(model, values=(1.0,) * len(model.values))
+        for term, (_, by_gain) in zip(drives, unit.pushes, strict=True):
+            if term.key in self.free:
+                slopes[len(names) :, self.free.index(term.key)] = given * by_gain
+        form = None
+        if not model.numbered:
+            moved = np.hypot(v.departure, [v.frequency, v.damping])
+            form = [[*as_coefficients(moved[0], moved[1], model.linear_modes[0][0]), 0.0]] * 2
         return forced_band(
             without_inputs(model),
-            abs(gain) * float(checked_force(force, 1)[0]),
+            back * (forces if model.numbered else forces[0]),
             frequency,
             names,
-            covariance,
+            slopes @ self.covariance @ slopes.T,
             n_points=n_points,
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
-            lead=np.pi if any(term.sign * gain < 0 for term in inputs) else 0.0,
-            delay=sum(term.delay for term in inputs),
-            notes=() if self.verdict.explained else (_LACKS,),
-            form=[[*as_coefficients(moves[0], moves[1], rate), 0.0]] * 2,
+            lead=np.pi if back < 0 else 0.0,
+            delay=acting.delay if acting else 0.0,
+            notes=() if v.explained else (_LACKS,),
+            form=form,
         )
 
     def errors_of(self, read: Callable[[Equations], Array]) -> Array:

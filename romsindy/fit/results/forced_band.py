@@ -8,10 +8,10 @@ always has a slope, by the errors of the model, and is read at a frequency only 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ from romsindy.orbits.curves import (
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.sweeps import LATE, jumps
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.term import Term
 from romsindy.record.signals import vertex
 from romsindy.typing import Array
@@ -48,7 +48,7 @@ _SIGNIFICANT = 1e-9
 
 
 class Predicted(NamedTuple):
-    """Amplitude and its 95 % band, (n,) each; nan beyond the range of frequencies.
+    """Amplitude and its 95 % band, (n,) each, or (n, R) of R coordinates; nan beyond the range.
 
     Where an amplitude is larger than any of the data behind an equation, the band is nan: no error
     of a coefficient says how far it holds. That of a `SteadyFit` goes on, given its few terms.
@@ -63,13 +63,14 @@ class Predicted(NamedTuple):
 class ForcedBand(Framed):
     """Amplitude against frequency under a harmonic force, with what a measured point may scatter.
 
-    Amplitudes are those of the first harmonic of the measured quantity: of q, q_dot or q_ddot.
+    Amplitudes are those of the first harmonic of the measured quantity: of q, q_dot or q_ddot. Of R
+    coordinates that response is the larger one of which some coordinate moves most.
 
     Attributes
     ----------
     frequency : (n,) array
         Uniform, over the range that was asked for, rad/s.
-    amplitude, low, high : (n,) arrays
+    amplitude, low, high : (n,) or (n, R) arrays
         The larger response, where there are several, and its 95 % band.
     response : ForcedResponse
         Of the model, with its folds and unstable part, and a little beyond the range.
@@ -86,10 +87,11 @@ class ForcedBand(Framed):
     notes: tuple[str, ...]
     goes_on: bool
     rate: int
-    _model: ReducedModel  # whose response it is
-    # (4, n): frequencies, amplitudes, those of q itself, and phases along the response
+    _model: Equations  # whose response it is
+    # (2 + 3 R, n): frequencies and the largest amplitudes along the response, then of every
+    # coordinate amplitudes, those of q itself, and phases
     _curve: Array
-    _drawn: Array  # (2, n_draws, n): the same, displaced
+    _drawn: Array  # (2 + R, n_draws, n): the same without sizes and phases, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
 
     _columns = ("frequency", "amplitude", "low", "high")
@@ -121,14 +123,20 @@ class ForcedBand(Framed):
                 f"frequency = {omega[~inside][0]:.8g} rad/s lies outside {first:.8g} to"
                 f" {last:.8g}: ask forced_response for a wider range"
             )
-        _, value, size, _ = _read(self._curve, omega, branch)
-        drawn = [_read(curve, omega, branch)[1] for curve in self._drawn.swapaxes(0, 1)]
-        scattered = np.abs(np.array(drawn) + self._scatter[:, None])
-        known = np.any(np.isfinite(scattered), axis=0)
-        known &= self.goes_on | ~self.response.larger(size)
-        ends = np.full((2, len(omega)), np.nan)
+        value, size, _ = self._by_coordinate(_read(self._curve, omega, branch))
+        drawn = [_read(curve, omega, branch)[2:].T for curve in self._drawn.swapaxes(0, 1)]
+        scattered = np.abs(np.array(drawn) + self._scatter[:, None, None])
+        known = np.any(np.isfinite(scattered), axis=(0, 2))
+        known &= self.goes_on | ~self.response.larger(size.max(axis=1))
+        ends = np.full((2, *value.shape), np.nan)
         ends[:, known] = np.nanquantile(scattered[:, known], TAILS, axis=0)
-        return Predicted(value, np.minimum(ends[0], value), np.maximum(ends[1], value))
+        shape = omega.shape if self.response.amplitude.ndim == 1 else value.shape
+        low, high = np.minimum(ends[0], value), np.maximum(ends[1], value)
+        return Predicted(*(x.reshape(shape) for x in (value, low, high)))
+
+    def _by_coordinate(self, rows: Array) -> Array:
+        """Amplitudes, those of q and phases, (3, n, R), in rows of the curve, (2 + 3 R, n)."""
+        return rows[2:].reshape(3, -1, rows.shape[-1]).swapaxes(1, 2)
 
     @cached_property
     def _upper(self) -> Predicted:
@@ -136,24 +144,24 @@ class ForcedBand(Framed):
 
     @property
     def amplitude(self) -> Array:
-        """Of the larger response, (n,)."""
+        """Of the larger response, (n,) or (n, R)."""
         return self._upper.amplitude
 
     @property
     def low(self) -> Array:
-        """Lower end of the 95 % band, (n,)."""
+        """Lower end of the 95 % band, (n,) or (n, R)."""
         return self._upper.low
 
     @property
     def high(self) -> Array:
-        """Upper end of the 95 % band, (n,)."""
+        """Upper end of the 95 % band, (n,) or (n, R)."""
         return self._upper.high
 
     @property
     def along(self) -> Array:
-        """Amplitudes of ``response``, folds and all, as they are measured, (n_orbits,)."""
+        """Amplitudes of ``response``, folds and all, as they are measured, (n_orbits[, R])."""
         first = np.abs(self.response.coefficients[:, 1])
-        return np.asarray(first * self.response.frequency**self.rate)
+        return np.asarray((first.T * self.response.frequency**self.rate).T)
 
     @property
     def unit(self) -> str | None:
@@ -164,7 +172,8 @@ class ForcedBand(Framed):
     @property
     def beyond(self) -> NDArray[np.bool_]:
         """Whether the larger response is larger than any motion of the data, (n,)."""
-        return self.response.larger(_read(self._curve, self.frequency, "upper")[2])
+        _, size, _ = self._by_coordinate(_read(self._curve, self.frequency, "upper"))
+        return self.response.larger(size.max(axis=1))
 
     def steady_states(self, frequency: ArrayLike) -> list[SteadyState]:
         """All responses at frequencies of the range, rad/s, the larger first, with their bands."""
@@ -174,19 +183,18 @@ class ForcedBand(Framed):
         for i, omega in enumerate(frequencies.tolist()):
             places, rows = crossed(self._curve, omega)
             stable = self.response.stable_at(places / _BETWEEN)
-            for rank, (_, size, _, phase) in enumerate(rows):
+            values = self._by_coordinate(rows.T).swapaxes(0, 1)
+            for rank, (size, _, phase) in enumerate(values):
                 end = rank in (0, len(rows) - 1)
                 branch: Branch = "middle" if not end else "lower" if rank else "upper"
-                band, turned = bands[branch], np.angle(np.exp([1j * phase]))
-                ends = float(band.low[i]), float(band.high[i])
-                found.append(
-                    SteadyState(omega, np.array([size]), turned, bool(stable[rank]), *ends)
-                )
+                ends = (np.atleast_1d(x[i]) for x in bands[branch][1:])
+                turned = np.where(size > 0, np.angle(np.exp(1j * phase)), np.nan)
+                found.append(SteadyState(omega, size, turned, bool(stable[rank]), *ends))
         return found
 
     @cached_property
     def peak(self) -> tuple[float, float]:
-        """Frequency, rad/s, and amplitude of the largest response."""
+        """Frequency, rad/s, and amplitude of the largest response, in any coordinate."""
         w, a, *_ = self._curve
         at = int(np.argmax(np.where(self._asked(w), a, 0.0)))
         if not (0 < at < len(a) - 1 and np.all(self._asked(w[at - 1 : at + 2]))):
@@ -204,9 +212,9 @@ class ForcedBand(Framed):
         There a curve is displaced in frequency alone, to first order.
         """
         w, a, *_ = self._curve
-        folds = []
+        folds, most = [], self.along.reshape(len(self.response), -1).max(axis=1)
         for k, fold in zip(self.response.folds, self.response.jumps, strict=True):
-            on, size = fold.frequency, self.along[k]
+            on, size = fold.frequency, most[k]
             at = int(np.argmin(np.hypot(w / on - 1, a / size - 1)))
             low, high = np.quantile(self._drawn[0][:, at], TAILS).tolist()
             folds.append(fold._replace(low=min(low, on), high=max(high, on)))
@@ -264,7 +272,7 @@ class ForcedBand(Framed):
         """95 % interval of the largest amplitude; nan where a response is beyond the data."""
         if np.any(self.beyond) and not self.goes_on:
             return np.nan, np.nan
-        w, a = self._drawn
+        w, a, *_ = self._drawn
         drawn = np.abs(np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter)
         low, high = np.quantile(drawn, TAILS)
         return float(low), float(high)
@@ -286,8 +294,8 @@ class ForcedBand(Framed):
 
 
 def forced_band(
-    model: ReducedModel,
-    force: float,
+    model: Equations,
+    force: ArrayLike,
     frequency: tuple[float, float],
     names: tuple[str, ...],
     covariance: Array,
@@ -301,19 +309,20 @@ def forced_band(
     delay: float = 0.0,
     notes: Sequence[str] = (),
     goes_on: bool = False,
-    form: ArrayLike = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    form: ArrayLike | None = None,
 ) -> ForcedBand:
     """Response with its band from the errors of coefficients and of the force.
 
     A `UserWarning` says where there is no band, beyond the amplitudes of the data.
 
-    The ``covariance``, (m + 1, m + 1), is that of the coefficients with these ``names``, and last
-    of the force, relative to it. What is measured is q differentiated ``rate`` times, with an
-    amplitude of standard deviation ``noise``. ``form``, (2, 3), are errors of form, as standard
-    deviations of linear stiffness, linear damping and force, relative to it: within the data, and
-    of what grows beyond (`romsindy.fit.process_noise`). The force leads the excitation, as it was
-    measured, by ``lead``, rad, and acts later by ``delay``, s. ``notes`` are what else the band
-    does not know; all others are as in `romsindy.forced_response` and `ForcedBand`.
+    The ``covariance``, (m + R, m + R), is that of the coefficients with these ``names``, and last
+    of the forces, one for each coordinate. What is measured is q differentiated ``rate`` times,
+    with an amplitude of standard deviation ``noise``. ``form``, (2, 3), are errors of form of one
+    coordinate, as standard deviations of linear stiffness, linear damping and force, relative to
+    it: within the data, and of what grows beyond (`romsindy.fit.process_noise`). The force leads
+    the excitation, as it was measured, by ``lead``, rad, and acts later by ``delay``, s. ``notes``
+    are what else the band does not know; all others are as in `romsindy.forced_response` and
+    `ForcedBand`.
     """
     low, high = sorted(frequency_range(frequency))
     reach = _MARGIN * (high - low)
@@ -326,26 +335,24 @@ def forced_band(
         n_points=_ORBITS,
     )
     smooth = model if velocity_scale is None else model.regularised(velocity_scale)
-    first = np.abs(response.coefficients[:, 1])
-    size_of_q = response.amplitude
-    more = grown(size_of_q, (model.amplitude_range or (0.0, np.inf))[1])[:, None]
-    within, beyond = np.square(form)
-    errors = np.sqrt(within + beyond * (more**2 - 1))
     terms = [term for name in names for term in smooth.terms if term.key == name]
-    by_w, by_a = (
-        np.column_stack([x[:, :-3], x[:, -1], errors * x[:, -3:]])
-        for x in _slopes(smooth, force, response, (*terms, *LINEAR))
-    )
-    covariance = block_diag(covariance, np.eye(3))
-    phase = np.unwrap(np.angle(response.coefficients[:, 1])) - delay * response.frequency
-    table = _refined(np.column_stack([response.frequency, first, size_of_q, phase, by_w, by_a]))
-    on, first, size_of_q, phase, *_ = table.T
-    by_w, by_a = np.hsplit(table[:, 4:], 2)
+    first = response.coefficients[:, 1].reshape(len(response), -1)
+    slopes = _slopes(smooth, response, [*terms, *(() if form is None else LINEAR)])
+    if form is not None:
+        more = grown(response.amplitude, (model.amplitude_range or (0.0, np.inf))[1])[:, None]
+        within, beyond = np.square(form)
+        errors = np.sqrt(within + beyond * (more**2 - 1)) * [1.0, 1.0, force]
+        of_form = errors[:, None] * slopes[..., -3:]
+        slopes = np.concatenate([slopes[..., :-3], slopes[..., -1:], of_form], axis=-1)
+        covariance = block_diag(covariance, np.eye(3))
+    finer = _finer(np.column_stack([response.frequency, np.abs(first)]))
+    on, a = finer(response.frequency), finer(np.abs(first)).T
     rng = np.random.default_rng(0)
-    drawn = normal_draws(covariance, rng)
-    w = np.maximum(on + drawn @ by_w.T, 0.0)
-    # The logarithm of an amplitude, so that none is negative.
-    a = first * np.exp(drawn @ (by_a / first[:, None]).T)
+    drawn = np.tensordot(normal_draws(covariance, rng), finer(slopes), (1, 2))
+    w = np.maximum(on + drawn[..., 0].real, 0.0)
+    moved = _moved(a[:, None], np.moveaxis(drawn[..., 1:], 2, 0))
+    phase = finer(np.unwrap(np.angle(first), axis=0)).T - delay * on + lead + rate * np.pi / 2
+    sizes = finer(response.amplitude.reshape(len(response), -1)).T
     leaves, grows = response.leaves_within(low, high), ""
     if leaves:
         none = f"{leaves}, and there is no band; a smaller force stays within them"
@@ -357,8 +364,8 @@ def forced_band(
         goes_on,
         rate,
         smooth,
-        np.array([on, first * on**rate, size_of_q, phase + lead + rate * np.pi / 2]),
-        np.array([w, a * w**rate]),
+        np.vstack([on, a.max(axis=0) * on**rate, a * on**rate, sizes, phase]),
+        np.stack([w, moved.max(axis=0) * w**rate, *(moved * w**rate)]),
         noise * rng.standard_normal(DRAWS),
     )
     if np.any(found.beyond) and not goes_on:
@@ -367,42 +374,61 @@ def forced_band(
 
 
 def _slopes(
-    model: ReducedModel, force: float, response: ForcedResponse, terms: Sequence[Term]
-) -> tuple[Array, Array]:
-    """Derivatives of frequency and first amplitude of each orbit, (n, m + 1), across the curve."""
-    coefficients: NDArray[np.complex128] = response.coefficients
-    n, columns = coefficients.shape
-    c = np.zeros((n, 2 * columns - 1))
-    c[:, 0], c[:, 1::2], c[:, 2::2] = (
-        coefficients[:, 0].real,
-        coefficients[:, 1:].real,
-        -coefficients[:, 1:].imag,
-    )
-    balance = HarmonicBalance(model, columns - 1)
+    model: Equations, response: ForcedResponse, terms: Sequence[Term]
+) -> NDArray[np.complex128]:
+    """Derivatives across the curve by coefficients and forces, (n, 1 + R, m + R).
+
+    Of the frequency, and of the first harmonic of every coordinate: real parts along it, which
+    change its amplitude, and imaginary ones a quarter of a cycle ahead.
+    """
+    n, r, omega = len(response), model.n_coordinates, response.frequency
+    c = response.series.reshape(n, -1, r)
+    balance = HarmonicBalance(model, response.coefficients.shape[1] - 1)
     # The curve is about as wide as it is high in these units.
-    size = np.abs(coefficients[:, 1])
-    width = float(np.ptp(response.frequency[size >= size.max() / 2]))  # where it is large, rad/s
-    units = np.append(np.full(c.shape[1], size.max()), width)
-    orbits, omega = c[..., None], response.frequency
-    _, by_c, by_omega = balance.linearise(orbits, omega)
-    by_p = np.zeros((*c.shape, len(terms) + 1))
-    by_p[..., :-1] = balance.by_coefficient(terms, orbits, omega)
-    by_p[:, 1, -1] = -force
+    size = np.linalg.norm(c[:, 1:3], axis=1)
+    most = np.where(size.max(axis=0) > 0, size.max(axis=0), size.max())
+    units = np.append(np.tile(most, c.shape[1]), min(_width(omega, x) for x in size.T))
+    _, by_c, by_omega = balance.linearise(c, omega)
+    by_p = np.zeros((n, c[0].size, len(terms) + r))
+    if terms:
+        by_p[..., :-r] = balance.by_coefficient(terms, c, omega)
+    by_p[:, r : 2 * r, -r:] = -np.eye(r)  # forces are cosines
     matrix = np.concatenate([by_c, by_omega[..., None]], axis=2) * units
     # The shortest way: at right angles to the curve.
     change = -units[:, None] * (np.linalg.pinv(matrix) @ by_p)
-    by_a = np.einsum("nk,nkp->np", c[:, 1:3], change[:, 1:3])
-    return change[:, -1], by_a / np.linalg.norm(c[:, 1:3], axis=1)[:, None]
+    cosine, sine = change[:, r : 2 * r], change[:, 2 * r : 3 * r]
+    first = response.coefficients[:, 1].reshape(n, r, 1)
+    turned = np.where(first == 0, 1.0, np.conj(first) / np.where(first == 0, 1.0, np.abs(first)))
+    return np.concatenate([change[:, -1:], (cosine - 1j * sine) * turned], axis=1)
 
 
-def _refined(columns: Array) -> Array:
-    """Points between those of a curve, (n, k) to more of them: frequency, amplitude and others."""
-    steps = np.diff(columns[:, :2] / np.ptp(columns[:, :2], axis=0), axis=0)
+def _width(omega: Array, size: Array) -> float:
+    """Range of frequencies round its largest amplitude in which a coordinate has half of it."""
+    below, at = np.flatnonzero(size < size.max() / 2), int(np.argmax(size))
+    i = int(np.searchsorted(below, at))
+    first = below[i - 1] + 1 if i else 0
+    return float(np.ptp(omega[first : below[i] if i < len(below) else len(omega)]))
+
+
+def _moved(size: Array, change: NDArray[np.complex128]) -> Array:
+    """Amplitudes after a change of their harmonic, along it and ahead of it; never negative.
+
+    By the logarithm, but for where a coordinate nearly stands still beside the change.
+    """
+    small = np.abs(change) < size
+    part = np.where(small, change.real, 0.0) / np.where(small, size, 1.0)
+    return np.where(small, size * np.exp(part), np.abs(size + change))
+
+
+def _finer(along: Array) -> Callable[[Any], Any]:
+    """What puts points between those of a curve, (n, 1 + R): frequencies and amplitudes."""
+    reach = np.ptp(along, axis=0)
+    steps = np.diff(along / np.where(reach > 0, reach, 1.0), axis=0)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
     between = np.interp(
         np.arange(_BETWEEN * (len(length) - 1) + 1) / _BETWEEN, np.arange(len(length)), length
     )
-    return CubicSpline(length, columns)(between)
+    return lambda values: CubicSpline(length, values)(between)
 
 
 def _read(curve: Array, omega: Array, branch: str) -> Array:

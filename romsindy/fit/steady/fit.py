@@ -158,7 +158,7 @@ class SteadyEstimate(Estimate):
 
     def forced_response(
         self,
-        force: float,
+        force: ArrayLike,
         frequency: tuple[float, float],
         n_harmonics: int | None = None,
         *,
@@ -175,11 +175,11 @@ class SteadyEstimate(Estimate):
         size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
         slopes = np.zeros((len(self.free) + 1, len(test.free)))
         slopes[:-1, : len(self.free)] = np.eye(len(self.free))
-        for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
+        for name, slope in (("gain", excitation), ("slope", excitation**2)):
             if name in test.free:
                 slopes[-1, test.free.index(name)] = slope
         covariance = slopes @ test.covariance @ slopes.T
-        covariance[-1, -1] += self.unexplained**2
+        covariance[-1, -1] += (self.unexplained * size) ** 2
         return forced_band(
             self.single_model,
             size,
