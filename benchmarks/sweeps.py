@@ -28,6 +28,7 @@ STEPS, CYCLES = 64, 4  # of a cycle, and cycles that a lock-in takes together
 NOISE, CLOSE = 0.01, 0.003
 LEVELS, UNSEEN = (0.6, 1.0), (0.8, 1.25)
 BETWEEN = 50  # of the length of a sweep: a jump and its swinging are shorter
+BEYOND = 1.6  # a sweep of the third level goes so much further, for its jumps to lie in it
 
 
 @njit(cache=True, fastmath=True)
@@ -91,12 +92,14 @@ class Structure:
         self.rate = 2 * np.pi * rng.uniform(0.3, 2.0) * (ratio * hz) ** 2
         low, high = min(1.5 * shift, 0) - 10 * ratio, max(1.5 * shift, 0) + 10 * ratio
         self.range = w * (1 + low), w * (1 + high)
+        self.wide = w * (1 + BEYOND * low), w * (1 + BEYOND * high)
         self.rows, self.unseen = int(rng.integers(150, 300)), float(rng.choice(UNSEEN))
 
-    def sweep(self, level, up):
+    def sweep(self, level, up, ends):
         """Frequency and amplitude of every few cycles."""
-        ends, rate = (self.range, self.rate) if up else (self.range[::-1], -self.rate)
-        cycles = self.range[1] * (self.range[1] - self.range[0]) / self.rate / (2 * np.pi)
+        low, high = ends
+        ends, rate = ((low, high), self.rate) if up else ((high, low), -self.rate)
+        cycles = high * (high - low) / self.rate / (2 * np.pi)
         out = np.empty((int(cycles / CYCLES) + 2, 2))
         return out[: lock_in(self.law, level * self.force, *ends, rate, out)].T
 
@@ -105,7 +108,7 @@ class Structure:
         sweeps = []
         for level in LEVELS:
             for forth in (1, -1):
-                w, a = self.sweep(level, forth > 0)
+                w, a = self.sweep(level, forth > 0, self.range)
                 at = np.linspace(*self.range, self.rows + 2)[1:-1][::forth]
                 read = np.interp(at, w[::forth], a[::forth])
                 noise = 1 + NOISE * self.rng.standard_normal(len(at))
@@ -114,7 +117,7 @@ class Structure:
 
     def jump(self, level, up):
         """Where the amplitude changes fastest, in the sense of the jump."""
-        w, a = self.sweep(level, up)
+        w, a = self.sweep(level, up, self.wide)
         near = len(w) // BETWEEN
         at = near + int(np.argmax(np.abs(np.diff(a))[near:]))
         before = at - near // 2  # beyond the swinging that follows a jump
@@ -141,7 +144,7 @@ def trial(seed):
     one = Structure(seed)
     table, began = one.table(), time.perf_counter()
     fit = fit_steady(None, *table, unit="m", sweep_rate=one.rate)
-    band = fit.forced_response(one.unseen * one.force, one.range)
+    band = fit.forced_response(one.unseen * one.force, one.wide)
     seconds = time.perf_counter() - began
     off, width, inside, at_fold = [], [], [], []
     for up in (True, False):

@@ -84,7 +84,7 @@ def test_rows_between_jumps_are_steady_without_their_lag(one, true):
     """The force that their orbits need is that of the level, without noise."""
     quiet = [
         np.array([w, 0 * w + one.force, a])[:, ::12]
-        for w, a in (one.sweep(1.0, up) for up in (True, False))
+        for w, a in (one.sweep(1.0, up, one.range) for up in (True, False))
     ]
     w, f, a = np.concatenate(quiet, axis=1)
     points = SteadyPoints.of(w, f, a, 0.01 * a, "displacement")
@@ -103,11 +103,30 @@ def test_rows_between_jumps_are_steady_without_their_lag(one, true):
     assert np.sum(large) > 50 and np.median(without) < 0.1 * np.median(left(w, a)[same])
 
 
+def test_rows_after_a_jump_that_is_hardly_one_take_no_part():
+    """A level just above that which folds first: its swinging was taken for steady states."""
+    small = sweeps.Structure(126)
+    k, _, k3, _, c, *_ = small.law
+    true = rs.ReducedModel.from_coefficients({"omega^2": k, "gamma_3": k3, "c_linear": c}, "m")
+    level = sweeps.LEVELS[0]
+    w, a = small.sweep(level, True, small.range)
+    at = np.linspace(*small.range, small.rows)
+    a = np.interp(at, w, a)
+    points = SteadyPoints.of(at, 0 * at + level * small.force, a, 0.01 * a, "displacement")
+    swept = Sweeps.of(points, small.rate)
+    assert swept.each[0].last is None
+    steady, _ = swept.steady(solution(true), True)
+    assert len(steady) > 0.8 * len(at)
+    needed = _orbits(HarmonicBalance(true, 5), steady.frequency, steady.amplitude)[1]
+    # 0.25 of the force in the swinging; else lag to first order, and rows between samples.
+    assert np.abs(needed / (level * small.force) - 1).max() < 0.03
+
+
 @pytest.mark.slow
 def test_a_level_that_is_not_given(one, table, true):
     fit = rs.fit_steady(None, *table, unit="m", sweep_rate=one.rate)
     assert {*fit.model.coefficients} == {*true.coefficients} and fit.verdict.explained
-    band = fit.forced_response(one.unseen * one.force, one.range)
+    band = fit.forced_response(one.unseen * one.force, one.wide)
     for up in (True, False):
         exact = one.jump(one.unseen, up)
         (jump,) = band.jumps(one.rate if up else -one.rate)

@@ -10,6 +10,7 @@ the next one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,9 +121,15 @@ class Sweeps:
             jumped = rows > (np.inf if last is None else last)
             time = (points.frequency[rows] - np.where(jumped, sweep.jump, w[rows[0]])) / sweep.rate
             keep[rows] &= time * decay[rows] > _SETTLES
-            if last is None:
+            late = self._late(sweep, solution)
+            if last is None:  # a jump that is hardly one is not seen as such
+                for fold, delay in late:
+                    since = (points.frequency[rows] - fold - delay) / sweep.rate
+                    keep[rows] &= (-since > _EARLY * delay / sweep.rate) | (
+                        since * decay[rows] > _SETTLES
+                    )
                 continue
-            size, delay = self._fold(sweep, last, solution)
+            size, delay = self._fold(sweep, last, solution, late)
             early = (sweep.jump - points.frequency[rows]) / sweep.rate
             keep[rows] &= jumped | (early > _EARLY * abs(delay / sweep.rate))
             if size and folded:
@@ -135,8 +142,8 @@ class Sweeps:
                 )
         return replace(points, q=q, frequency=w, frequency_std=std).some(keep), notes
 
-    def _fold(self, sweep: SweptRows, last: int, solution: SteadySolution) -> tuple[float, float]:
-        """Amplitude at a fold, 0 where the model has none, and the delay of the jump, rad/s."""
+    def _late(self, sweep: SweptRows, solution: SteadySolution) -> list[tuple[float, float]]:
+        """Folds that the model passes in a sweep, and delays of the jumps there, rad/s."""
         points = self.points
         size = float(np.abs(solution.chain.force(points.force[sweep.rows[:1]]))[0])
         w = points.frequency[points.level == points.level[sweep.rows[0]]]
@@ -145,12 +152,22 @@ class Sweeps:
         try:
             response = forced_response(model, size, ends, _HARMONICS, n_points=_ORBITS)
         except ContinuationError:  # no response of such a model there: nor a fold
-            return 0.0, 0.0
+            return []
         late = jumps(model, response, sweep.rate)
+        return [(float(response.frequency[one.fold]), one.delay) for one in late]
+
+    def _fold(
+        self,
+        sweep: SweptRows,
+        last: int,
+        solution: SteadySolution,
+        late: Sequence[tuple[float, float]],
+    ) -> tuple[float, float]:
+        """Amplitude at a fold, 0 where the model has none, and the delay of the jump, rad/s."""
         if not late:
             return 0.0, 0.0
-        w = response.frequency
-        _, delay = min(late, key=lambda one: abs(w[one.fold] + one.delay - sweep.jump))
+        points = self.points
+        _, delay = min(late, key=lambda one: abs(sum(one) - sweep.jump))
         # At the frequency of a fold, the force that an orbit needs turns round with its amplitude.
         before, after = points.amplitude[last : last + 2]
         sizes = before * np.linspace(*_AROUND)
