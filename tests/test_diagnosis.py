@@ -236,6 +236,15 @@ def test_a_value_that_moved_by_more_than_matters_is_told_beside_a_force():
 
 @pytest.mark.study
 @pytest.mark.slow
+def test_kinds_of_linear_damping_are_not_told_apart_beside_a_force():
+    """A structure that loses the same in every cycle, whose base moves: viscous does as well."""
+    result = report(force=lambda t, q, v: 4.0 * abs(q) * np.sign(v) - 40 * np.sin(0.44 * OMEGA * t))
+    assert result.verdict == "ambiguous"
+    kinds = {frozenset(names) - {"base_excitation"} for names in result.equivalent}
+    assert {frozenset({"viscous"}), frozenset({"hysteretic"})} <= kinds
+
+
+@pytest.mark.slow
 def test_one_more_is_looked_for_beside_the_best_alone():
     """The base moves, far from resonance, by more than a cubic spring does."""
     result = report(force=lambda t, q, v: 30.0 * q**3 - 40.0 * np.sin(0.44 * OMEGA * t))

@@ -17,7 +17,7 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
-from romsindy.effects.choices import DAMPING, FAMILIES, FREQUENCY
+from romsindy.effects.choices import DAMPING, FAMILIES, FREQUENCY, family_of
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.part import Coefficient, Part, moved_parts
 from romsindy.fit.records.record import Record
@@ -296,11 +296,3 @@ def small_vibration(
         mass -= float(np.sum((moving - still) * cos)) / (power * rate**2)
     omega = float(np.sqrt(stiffness / mass))
     return omega / (2 * np.pi), damping / (2 * mass * omega)
-
-
-def family_of(said: Sequence[tuple[str, ...]]) -> str | None:
-    """The family of which all explanations, by their names, are members; None if of none."""
-    for name, members in FAMILIES.items():
-        if all(len(n) == 1 and n[0] in members for n in said):
-            return name
-    return None

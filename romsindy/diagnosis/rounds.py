@@ -15,11 +15,11 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
-from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options, Request
 from romsindy.diagnosis.structure import Corrected, calm_from, corrected, key_of
 from romsindy.effects.base import Effect
+from romsindy.effects.choices import family_of
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT

@@ -29,6 +29,7 @@ from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
+from romsindy.effects.choices import family_of
 from romsindy.effects.outside import HIGHEST, TONES, same_tone
 from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import Trajectory
@@ -558,7 +559,7 @@ def rivals_of(
 
     Values that moved, and that leave less than ``as_one`` more of chi-square, do what one effect
     does, whatever they cost. Beside a force a value comes before any effect in its place that is no
-    likelier.
+    likelier, but for one of its family.
     """
     if not best.names:
         return [best]
@@ -567,7 +568,8 @@ def rivals_of(
     instead = not best.effects or any(i < best.n_free for i in best.blamed)
     most = len(best.effects) + bool(instead)
     for h in compared:
-        replaces = best.forced and len(h.effects) > len(best.effects)
+        alike = family_of([(name,) for name in {*best.names} ^ {*h.names}])
+        replaces = best.forced and len(h.effects) > len(best.effects) and not alike
         near = h.score - best.score < (0.0 if replaces else EQUIVALENT)
         near |= not h.effects and h.misfit - best.misfit < as_one
         more = h.said > best.said

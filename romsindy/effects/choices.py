@@ -13,7 +13,7 @@ coordinates what may couple them, from the plainest kind of structure on.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +69,16 @@ FAMILIES = {
         "added_mass",
     ),
 }
+
+
+def family_of(said: Sequence[tuple[str, ...]]) -> str | None:
+    """The family of which all explanations, by their names, are members; None if of none."""
+    for name, members in FAMILIES.items():
+        if all(len(n) == 1 and n[0] in members for n in said):
+            return name
+    return None
+
+
 PLACES = frozenset(place for _, places in _TABLE for place in places.split())
 
 
