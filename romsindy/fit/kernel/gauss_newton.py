@@ -3,16 +3,20 @@
 A hypothesis is a model and the effects added to it. Gauss-Newton's method finds strengths, shapes
 and initial states together with the motion itself: every step solves the equation linearised about
 the present motion (see `romsindy.fit.kernel.linear_response`), which at first is the smoothed
-measurement.
+measurement. Values that make up for one another lie in a curved valley, which a whole step leaves:
+a step that makes the misfit worse is taken again, damped as by Levenberg and Marquardt [1].
+
+[1] H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05, DTU (1999).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
@@ -34,8 +38,12 @@ from romsindy.typing import Array, Indices
 
 _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
-_WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
-_OFF_THE_FLOOR = 1.0  # of chi-square
+# Damping of a step that makes the misfit worse: the first, least and largest, and how it grows.
+_DAMPED, _LEAST, _MOST, _MORE = 1e-4, 1e-7, 10.0, 4.0
+# So much worse a motion may be: far from its end, and near it, for where a force jumps an iterate
+# that is no motion of the equation yet looks better than it is.
+_FAR, _WORSE = 1.5, 1.05
+_OFF_THE_FLOOR, _NEAR = 1.0, 0.02  # of chi-square
 _TOGETHER = 2000  # steps of motions that are linearised at once: what a cache holds
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
@@ -54,7 +62,7 @@ def fit(
 
     It starts from the values of the parts, and from some motions: by default the smoothed
     measurement. ``fixed``: initial states, and strengths that differ between records, only. It ends
-    where a step, or one that had to be shortened, changes chi-square by less than the ``rough``
+    where a step, or one that had to be damped, changes chi-square by less than the ``rough``
     part of what is left beyond the noise: where the form of the equation decides, no digit of its
     values matters.
     """
@@ -64,53 +72,52 @@ def fit(
     last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
     loudest = max(r.amplitude for r in records)
     kept: _Iterate | None = None
-    back = False  # whether the last step was shortened
+    back, steps = False, 0  # whether the last step was taken back; those that were not
+    damping, more = 0.0, _MORE  # and by how much it grows
 
     def little(chi_squared: float) -> float:
         return rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
 
-    for iteration in range(iterations):
+    for _ in range(iterations):
         with np.errstate(all="ignore"):
             system, responses, _ = _linearised(model, parts, records, motions)
-            if kept is not None and not system.power <= _WORSE * kept.system.power:
-                if kept.short < _SHORTEST:
-                    parts, system = kept.parts, kept.system
-                    motions = [r.motion for r in kept.responses]
+            far = kept is not None and (steps == 1 or kept.short < 1)
+            worse = _FAR if far else _WORSE
+            if kept is not None and not system.power <= worse * kept.system.power:
+                system, back = kept.system, True
+                if damping >= _MOST:
                     break
-                kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
+                damping, more = max(_DAMPED, more * damping), 2 * more
+                kept = kept.again(records, loudest, damping)
                 parts, motions = kept.moved()
-                system, back = kept.system, True  # should this be the last step
                 continue
-            gained = kept.system.power - system.power if kept is not None and back else np.inf
-            if kept is not None and max(gained, 0.0) < little(kept.system.power):
+            gained = np.inf if kept is None else kept.system.power - system.power
+            if kept is not None and back and max(gained, 0.0) < little(kept.system.power):
                 break  # long steps lead astray, and short ones nowhere
             back = False
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            step = system.bounded_step(
-                held_values(parts, fixed, first=iteration == 0), *limits(parts)
-            )
-            weights = tuple(
-                np.concatenate([[1.0], step[columns_of(parts, i)], step[system.states_of(i)]])
-                for i in range(len(records))
-            )
-            largest = max(  # in a piece where nothing rings any more, of the loudest
-                float(np.abs(r.q @ w).max()) / (record.amplitude or loudest)
-                for r, w, record in zip(responses, weights, records, strict=True)
-            )
-            if not np.isfinite(largest) or largest > _LOST:
+            if kept is not None and steps > 1:
+                damping, more = kept.trusted(system.power, damping), _MORE
+            held = held_values(parts, fixed, first=steps == 0)
+            steps += 1
+            start = _Iterate(parts, tuple(responses), system, held)
+            kept = start.again(records, loudest, damping)
+            if not kept.largest <= _LOST:
                 return _failed(parts, motions, n_values)
-            short = min(1.0, _LEASH / max(largest, 1e-300))
-            kept = _Iterate(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
-        chi_squared = system.chi_squared(step)
+        chi_squared = system.chi_squared(kept.step)
         beyond = little(chi_squared)
-        near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
+        near = abs(last - chi_squared) < _settled(chi_squared) + beyond
         # Along a valley of values that make up for one another a step leaves the curved floor.
-        converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
+        near &= not damping or abs(gained) < _settled(system.power)
+        settles = kept.short == 1.0 and near
+        converged = settles and system.power < last + _OFF_THE_FLOOR + beyond
         if converged:
             break
         last = chi_squared
+    if back and kept is not None:  # the last step led nowhere better
+        parts, motions = kept.parts, [r.motion for r in kept.responses]
     residuals = tuple(
         r.missed(parts, i, partial(sampled, m))
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
@@ -128,23 +135,54 @@ def fit(
     )
 
 
+def _settled(chi_squared: float) -> float:
+    """By how much chi-square may still change."""
+    return _NEAR + 1e-6 * chi_squared
+
+
 @dataclass(frozen=True)
 class _Iterate:
     """Where a step started, with the misfit there in its system, and the step."""
 
     parts: tuple[Part, ...]
     responses: tuple[Response, ...]
-    weights: tuple[Array, ...]
-    step: Array
-    short: float
     system: NormalEquations
+    held: NDArray[np.bool_]
+    step: Array = field(default_factory=lambda: np.zeros(0))
+    weights: tuple[Array, ...] = ()
+    largest: float = 0.0  # change of a motion, in amplitudes
+    short: float = 1.0  # part of the step that is gone
+
+    def again(self, records: Sequence[Prepared], loudest: float, damping: float) -> _Iterate:
+        """The same with its step, or another one from there."""
+        step = self.system.bounded_step(self.held, *limits(self.parts), damping)
+        weights = tuple(
+            np.concatenate([[1.0], step[columns_of(self.parts, i)], step[self.system.states_of(i)]])
+            for i in range(len(records))
+        )
+        largest = max(  # in a piece where nothing rings any more, of the loudest
+            float(np.abs(r.q @ w).max()) / (record.amplitude or loudest)
+            for r, w, record in zip(self.responses, weights, records, strict=True)
+        )
+        short = min(1.0, _LEASH / max(largest, 1e-300))
+        return replace(self, step=step, weights=weights, largest=largest, short=short)
+
+    def trusted(self, power: float, damping: float) -> float:
+        """The next damping, by what the step gained over what was expected ([1], eq. 2.5)."""
+        gained = self.system.power - power
+        if gained < -_settled(power):  # back and forth
+            return max(_DAMPED, 2 * damping)
+        expected = self.system.power - self.system.chi_squared(self.short * self.step)
+        part = gained / max(expected, 1e-300)
+        less = damping * float(np.clip(1 - (2 * part - 1) ** 3, 0.1, 2.0))
+        return less if less > _LEAST else 0.0
 
     def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
         """Values and motions after the step."""
-        motions = [
-            r.moved(self.short * w) for r, w in zip(self.responses, self.weights, strict=True)
-        ]
-        return moved_parts(self.parts, self.short * self.step), motions
+        pairs = zip(self.responses, self.weights, strict=True)
+        values = self.step[: self.system.n_values]
+        motions = [r.moved(self.short * w) for r, w in pairs]
+        return moved_parts(self.parts, self.short * values), motions
 
 
 def _linearised(

@@ -157,10 +157,14 @@ class NormalEquations:
         """Whether the motions stayed within reach of numbers."""
         return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
 
-    def bounded_step(self, held: NDArray[np.bool_], low: Array, high: Array) -> Array:
+    def bounded_step(
+        self, held: NDArray[np.bool_], low: Array, high: Array, damping: float = 0.0
+    ) -> Array:
         """Least-squares change of all values; values at a limit stay there, and some are held.
 
-        ``low`` and ``high`` are the least and largest changes of the values of the parts.
+        ``low`` and ``high`` are the least and largest changes of the values of the parts. With
+        ``damping``, added to the diagonal as a part of it, values that make up for one another
+        change little (Levenberg and Marquardt).
         """
         fixed = np.zeros(self.size)
         free = np.ones(self.size, bool)
@@ -168,18 +172,19 @@ class NormalEquations:
         least, most = np.full((2, self.size), np.inf)
         least = -least
         least[: len(low)], most[: len(high)] = low, high
-        step = self._step(free, fixed)
+        step = self._step(free, fixed, damping)
         for _ in range(_ACTIVE):
             beyond = free & ((step < least) | (step > most))
             if not np.any(beyond):
                 break
             fixed[beyond] = np.clip(step, least, most)[beyond]
             free &= ~beyond
-            step = self._step(free, fixed)
+            step = self._step(free, fixed, damping)
         return step
 
-    def _step(self, free: NDArray[np.bool_], fixed: Array) -> Array:
+    def _step(self, free: NDArray[np.bool_], fixed: Array, damping: float) -> Array:
         a = self.matrix[np.ix_(free, free)]
+        a[np.diag_indices(len(a))] *= 1 + damping
         b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
         step = fixed.copy()
         step[free] = solved(a, b)
