@@ -27,11 +27,14 @@ from romsindy.diagnosis.evidence import FormError
 from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.search import screen
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.effects import AirDrag, DryFriction
+from romsindy.effects import AirDrag, DryFriction, LinearFrequency, Viscous
+from romsindy.effects.memory import Viscoelastic
 from romsindy.effects.outside import Hum
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
+from romsindy.fit.kernel.gauss_newton import _linearised, fit
+from romsindy.fit.kernel.part import Part
 from romsindy.fit.kernel.shooting import shoot
-from romsindy.fit.records.record import Record
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 
@@ -250,6 +253,23 @@ def test_one_more_is_looked_for_beside_the_best_alone():
     result = report(force=lambda t, q, v: 30.0 * q**3 - 40.0 * np.sin(0.44 * OMEGA * t))
     assert {e.name for e in result.effects} == {"base_excitation", "cubic_stiffness"}
     assert result.gap.after < 1.1
+
+
+def test_a_fit_in_a_curved_valley_counts_by_a_motion_of_its_equation():
+    """Stiffness, damping and a viscoelastic part in the place of a magnet and drag."""
+    pull = 0.02 * OMEGA**2
+
+    def missing(t, q, v):
+        return pull / (1.6 - q) ** 3 + 0.01 * abs(v) * v
+
+    records = [Record.of(decay(a, missing, seed=i), 1e-4) for i, a in enumerate((1.0, 0.6))]
+    known = scales(records)
+    starts = [p.starts[0] for p in Viscoelastic().parameters(known)]
+    parts = [Part.of(e, known, 2) for e in (LinearFrequency(), Viscous())]
+    found = fit(MODEL, [*parts, Part.of(Viscoelastic(), known, 2, starts)], records)
+    # Of values that were left by a step beyond the valley it was 1.8 to 3 times as much.
+    system, *_ = _linearised(MODEL, found.parts, records, found.motions)
+    assert system.power == pytest.approx(found.chi_squared, rel=0.05)
 
 
 def test_a_fit_ends_where_disturbances_grow_beyond_numbers():
