@@ -70,7 +70,7 @@ def test_a_duffing_oscillator_is_recovered(run, duffing, tmp_path):
     model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert model.unit == "m" and rs.Estimate.load(tmp_path / "fit.json").model == model
     page = (tmp_path / "points_steady.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png") == 4 and "no curve at" not in page
+    assert page.count("data:image/png") == 5 and "no curve at" not in page
 
 
 @pytest.mark.parametrize(

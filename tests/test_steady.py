@@ -448,3 +448,21 @@ def test_order_and_turns_of_the_phase_tell_nothing():
     for order, response in ((some, x), (slice(None), turned)):
         found = rs.fit_steady(model, w[order], force[order], response[order]).model.coefficients
         assert found == pytest.approx({"omega^2": 1.0, "c_linear": 0.05}, rel=1e-6)
+
+
+def test_the_force_surface_is_that_of_the_orbits():
+    """Of two levels, by continuation, the unstable branch too; a shaker that gives less at more."""
+    model = rs.ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 0.8, "c_linear": 0.05})
+    w, f, x = [], [], []
+    for force in (0.02, 0.04):
+        orbits = rs.forced_response(model, force * (2.0 - 3.0 * force), (0.8, 1.7), n_points=60)
+        assert not orbits.stable.all()
+        w, f = [*w, orbits.frequency], [*f, np.full(len(orbits), force)]
+        x.append(orbits.coefficients[:, 1] * 1j * orbits.frequency)
+    w, f, x = map(np.concatenate, (w, f, x))
+    fit = rs.fit_steady(model, w, f, x, measured="velocity", slope=None)
+    # Harmonics beyond the third are in the orbits.
+    np.testing.assert_allclose(fit.force_surface(w, np.abs(x)), f, rtol=2e-3)
+    assert np.isnan(fit.force_surface(0.9, 50.0))  # no force of that shaker is so large
+    with pytest.raises(ValueError, match="amplitude must be positive"):
+        fit.force_surface(1.0, 0.0)

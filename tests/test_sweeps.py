@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.steady.balance import Chain, SteadyPoints
-from romsindy.fit.steady.sweeps import Sweeps, _orbits
+from romsindy.fit.steady.sweeps import Sweeps, orbits_of
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.sweeps import jumps
 
@@ -96,7 +96,7 @@ def test_rows_between_jumps_are_steady_without_their_lag(one, true):
     balance = HarmonicBalance(true, 5)
 
     def left(w, amplitude):
-        return np.abs(_orbits(balance, w, amplitude)[1] / one.force - 1)
+        return np.abs(orbits_of(balance, w, amplitude)[1] / one.force - 1)
 
     without = left(steady.frequency, steady.amplitude)[large]
     same = np.isin(w, steady.frequency[large])
@@ -117,7 +117,7 @@ def test_rows_after_a_jump_that_is_hardly_one_take_no_part():
     assert swept.each[0].last is None
     steady, _ = swept.steady(solution(true), True)
     assert len(steady) > 0.8 * len(at)
-    needed = _orbits(HarmonicBalance(true, 5), steady.frequency, steady.amplitude)[1]
+    needed = orbits_of(HarmonicBalance(true, 5), steady.frequency, steady.amplitude)[1]
     # 0.25 of the force in the swinging; else lag to first order, and rows between samples.
     assert np.abs(needed / (level * small.force) - 1).max() < 0.03
 

@@ -50,6 +50,8 @@ _ROW = 1.5  # the same of a row over time
 _LOOK = 21  # values of q by which a function is known to change
 _CHANGES = 1e-9  # more than rounding
 _CURVE, _SHARES = 60, 150  # points of a band against amplitude, and of shares of terms
+_GRID, _LINES = 120, 8  # points each way of a force surface, and lines
+_BEYOND = 1.2  # what was measured, a force surface goes
 
 Panel = Callable[[Identified], Iterable[Picture]]
 
@@ -140,6 +142,19 @@ def response(result: Identified) -> Iterator[Picture]:
             "Dots are the steady states that were measured, lines the equation at each level of"
             " force, with the 95 % band of a further point; dashed where unstable.",
             partial(draw_levels, result.steady, result.levels, result.force_unit),
+        )
+
+
+def surface(result: Identified) -> Iterator[Picture]:
+    """The force that every amplitude needs at every frequency."""
+    if result.steady is not None:
+        yield Picture(
+            "surface",
+            "Force surface",
+            "Lines along which the equation needs the same force, and the steady states that were"
+            " measured, in the colour of theirs. Where a line turns back, a sweep of the frequency"
+            " jumps.",
+            partial(draw_surface, result.steady, result.force_unit),
         )
 
 
@@ -340,6 +355,7 @@ PANELS: tuple[Panel, ...] = (
     modes,
     band,
     response,
+    surface,
     functions,
     parts,
     harmonics,
@@ -473,6 +489,24 @@ def draw_levels(
     ax.set(xlabel="frequency (Hz)")
     ax.set_ylabel(with_unit(points.measured, unit_of(points.measured, fit.model.unit)))
     legend_once(ax, fontsize="small")  # the band and a fold
+
+
+def draw_surface(fit: SteadyFit, unit: str | None, figure: Figure) -> None:
+    """Lines of equal force over frequency and amplitude, with the steady states."""
+    ax: Axes = figure.subplots()
+    points, forces = fit.points, np.abs(fit.points.force)
+    size = points.amplitude * points.frequency**points.rate
+    w = np.linspace(points.frequency.min(), points.frequency.max(), _GRID)
+    a = np.linspace(1 / _GRID, 1.0, _GRID) * _BEYOND * size.max()
+    force = fit.force_surface(w, a[:, None])
+    shades: dict[str, Any] = {"cmap": "viridis", "vmin": 0.0, "vmax": _BEYOND * forces.max()}
+    even = np.linspace(0.0, _BEYOND * forces.max(), _LINES + 2)[1:-1]
+    lines = ax.contour(w / (2 * np.pi), a, force, even, **shades)
+    ax.clabel(lines, fmt=lambda x: f"{x:.2g} {unit or ''}".rstrip(), colors="0.2", fontsize="small")
+    hz = points.frequency / (2 * np.pi)
+    ax.scatter(hz, size, 12, forces, edgecolors="0.2", linewidths=0.3, zorder=3, **shades)
+    ax.set(xlabel="frequency (Hz)")
+    ax.set_ylabel(with_unit(points.measured, unit_of(points.measured, fit.model.unit)))
 
 
 def draw_force_left(fit: SteadyFit, figure: Figure) -> None:

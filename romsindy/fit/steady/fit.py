@@ -47,8 +47,9 @@ from romsindy.fit.steady.balance import (
 )
 from romsindy.fit.steady.independence import between_levels, notes_on, verdict_of, with_spread
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.fit.steady.sweeps import Sweeps, smoothed
+from romsindy.fit.steady.sweeps import HARMONICS, Sweeps, orbits_of, smoothed
 from romsindy.orbits.curves import checked_force
+from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
@@ -196,6 +197,45 @@ class SteadyEstimate(Estimate):
             goes_on=True,
             form=test.form,
         )
+
+    def force_surface(self, frequency: ArrayLike, amplitude: ArrayLike) -> Array:
+        """Harmonic force surface: the excitation that keeps up a vibration, stable or not.
+
+        Parameters
+        ----------
+        frequency : array
+            rad/s.
+        amplitude : array
+            Of the first harmonic, as measured; broadcast with the frequencies.
+
+        Returns
+        -------
+        array
+            In the unit of the excitation; nan where none is large enough.
+
+        Raises
+        ------
+        ValueError
+            If a frequency or an amplitude is not positive.
+
+        Examples
+        --------
+        >>> w = np.linspace(0.8, 1.2, 20)
+        >>> model = ReducedModel.from_coefficients({"omega^2": 1.1, "c_linear": 0.1})
+        >>> fit = fit_steady(model, w, np.ones(20), 3.0 / (1.0 - w**2 + 0.05j * w))
+        >>> print(fit.force_surface(1.0, [30.0, 60.0]).round(2))
+        [0.5 1. ]
+        """
+        w, size = np.broadcast_arrays(np.asarray(frequency, float), np.asarray(amplitude, float))
+        for name, values in (("frequency", w), ("amplitude", size)):
+            if not np.all((values > 0) & np.isfinite(values)):
+                raise ValueError(f"{name} must be positive: an orbit has both")
+        balance = HarmonicBalance(self.single_model, HARMONICS)
+        q = (size / w ** RATES[self.test.measured]).ravel()
+        needed = orbits_of(balance, w.ravel(), q)[1].reshape(w.shape)
+        gain, slope = abs(self.chain.gain), np.sign(self.chain.gain) * self.chain.slope
+        with np.errstate(invalid="ignore"):
+            return np.asarray(2 * needed / (gain + np.sqrt(gain**2 + 4 * slope * needed)))
 
     def to_json(self) -> str:
         """JSON text of the `Estimate`, with the test."""

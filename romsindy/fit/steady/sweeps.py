@@ -35,7 +35,7 @@ _EARLY = 2.5  # delays before a jump, in which the lag is not small
 _LARGEST = 0.2  # lag, as a part of the amplitude
 _SIGMAS = 3.0  # of the noise, within which no fold may be
 _AROUND = 0.4, 1.8, 141  # amplitudes of a fold over that before its jump
-_MARGIN, _HARMONICS, _ORBITS, _NEWTON = 0.05, 5, 60, 5
+_MARGIN, HARMONICS, _ORBITS, _NEWTON = 0.05, 5, 60, 5
 _SCATTER = 10  # rows on each side by whose scatter a noise is told
 
 
@@ -108,11 +108,11 @@ class Sweeps:
         rate, std, q = np.zeros(len(w)), np.zeros(len(w)), points.q.copy()
         for sweep in self.each:
             rate[sweep.rows] = sweep.rate
-        balance = HarmonicBalance(solution.model, _HARMONICS)
-        c, force = _orbits(balance, w, points.amplitude)
+        balance = HarmonicBalance(solution.model, HARMONICS)
+        c, force = orbits_of(balance, w, points.amplitude)
         lag, decay = _lag(balance, c, w, rate)
         off = _SIGMAS * points.std[:, 0]
-        less, more = (_orbits(balance, w, points.amplitude + x)[1] for x in (-off, off))
+        less, more = (orbits_of(balance, w, points.amplitude + x)[1] for x in (-off, off))
         keep = (np.abs(lag) < _LARGEST * points.amplitude) & ((more - force) * (force - less) > 0)
         q[:, 0] -= lag
         notes = []
@@ -150,7 +150,7 @@ class Sweeps:
         ends = float(w.min() * (1 - _MARGIN)), float(w.max() * (1 + _MARGIN))
         model = smoothed(solution.model, points)
         try:
-            response = forced_response(model, size, ends, _HARMONICS, n_points=_ORBITS)
+            response = forced_response(model, size, ends, HARMONICS, n_points=_ORBITS)
         except ContinuationError:  # no response of such a model there: nor a fold
             return []
         late = jumps(model, response, sweep.rate)
@@ -171,8 +171,8 @@ class Sweeps:
         # At the frequency of a fold, the force that an orbit needs turns round with its amplitude.
         before, after = points.amplitude[last : last + 2]
         sizes = before * np.linspace(*_AROUND)
-        balance = HarmonicBalance(solution.model, _HARMONICS)
-        force = _orbits(balance, np.full(len(sizes), sweep.jump - delay), sizes)[1]
+        balance = HarmonicBalance(solution.model, HARMONICS)
+        force = orbits_of(balance, np.full(len(sizes), sweep.jump - delay), sizes)[1]
         growth = np.sign(after - before) * np.diff(force)
         turns = np.flatnonzero((growth[:-1] > 0) & (growth[1:] <= 0)) + 1
         size = min(sizes[turns], key=lambda x: abs(np.log(x / before)), default=0.0)
@@ -219,7 +219,7 @@ def _scatter(points: SteadyPoints) -> Array:
     return (np.median(near, axis=1) / 0.6745)[:, None]  # of a normal distribution
 
 
-def _orbits(balance: HarmonicBalance, omega: Array, amplitude: Array) -> tuple[Array, Array]:
+def orbits_of(balance: HarmonicBalance, omega: Array, amplitude: Array) -> tuple[Array, Array]:
     """Orbits of these amplitudes, (n, 2 H + 1), and the force that they need, (n,)."""
     c = np.zeros((len(omega), 2 * balance.n_harmonics + 1))
     c[:, 1] = amplitude
