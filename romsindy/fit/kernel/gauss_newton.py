@@ -110,13 +110,16 @@ def fit(
         beyond = little(chi_squared)
         near = abs(last - chi_squared) < _settled(chi_squared) + beyond
         # Along a valley of values that make up for one another a step leaves the curved floor.
-        near &= not damping or abs(gained) < _settled(system.power)
+        if near and damping:  # of what is damped a whole step would gain next to nothing as well
+            near = abs(gained) < _settled(system.power) and kept.to_gain < _OFF_THE_FLOOR
         settles = kept.short == 1.0 and near
         converged = settles and system.power < last + _OFF_THE_FLOOR + beyond
         if converged:
             break
         last = chi_squared
-    if back and kept is not None:  # the last step led nowhere better
+    # The last step led nowhere better than to where it set out from: but for the measured motion,
+    # which is none of the equation.
+    if back and kept is not None and steps > 1:
         parts, motions = kept.parts, [r.motion for r in kept.responses]
     residuals = tuple(
         r.missed(parts, i, partial(sampled, m))
@@ -176,6 +179,12 @@ class _Iterate:
         part = gained / max(expected, 1e-300)
         less = damping * float(np.clip(1 - (2 * part - 1) ** 3, 0.1, 2.0))
         return less if less > _LEAST else 0.0
+
+    @property
+    def to_gain(self) -> float:
+        """By how much a whole step would lower chi-square, were all linear."""
+        step = self.system.bounded_step(self.held, *limits(self.parts))
+        return self.system.power - self.system.chi_squared(step)
 
     def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
         """Values and motions after the step."""

@@ -106,7 +106,7 @@ def _couples(model: Equations, resonance: Resonance) -> bool:
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3
 _TOLD = 3.0  # standard errors off zero: the delay of an input was looked for as well
-_DRIVEN = 30  # iterations of a fit to motions that inputs drive
+_DRIVEN = 100  # iterations of a fit to motions that inputs drive: valleys are long
 
 
 @dataclass(frozen=True, eq=False, repr=False)
