@@ -37,7 +37,8 @@ from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
 
 _ITERATIONS = 16
-_LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+# Largest change of the motion in one step, in amplitudes, and the least part of a step.
+_LEASH, _SHORTEST = 0.3, 0.02
 # Damping of a step that makes the misfit worse: the first, least and largest, and how it grows.
 _DAMPED, _LEAST, _MOST, _MORE = 1e-4, 1e-7, 10.0, 4.0
 # So much worse a motion may be: far from its end, and near it, for where a force jumps an iterate
@@ -82,13 +83,16 @@ def fit(
         with np.errstate(all="ignore"):
             system, responses, _ = _linearised(model, parts, records, motions)
             far = kept is not None and (steps == 1 or kept.short < 1)
-            worse = _FAR if far else _WORSE
+            worse = _FAR if far or rough else _WORSE
             if kept is not None and not system.power <= worse * kept.system.power:
                 system, back = kept.system, True
-                if damping >= _MOST:
+                if damping >= _MOST or (rough and kept.short < _SHORTEST):
                     break
-                damping, more = max(_DAMPED, more * damping), 2 * more
-                kept = kept.again(records, loudest, damping)
+                if rough:  # the form decides: a shorter step tells as much as one along a valley
+                    kept = replace(kept, short=0.3 * kept.short)
+                else:
+                    damping, more = max(_DAMPED, more * damping), 2 * more
+                    kept = kept.again(records, loudest, damping)
                 parts, motions = kept.moved()
                 continue
             gained = np.inf if kept is None else kept.system.power - system.power
@@ -97,7 +101,7 @@ def fit(
             back = False
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            if kept is not None and steps > 1:
+            if kept is not None and steps > 1 and not rough:
                 damping, more = kept.trusted(system.power, damping), _MORE
             held = held_values(parts, fixed, first=steps == 0)
             steps += 1
