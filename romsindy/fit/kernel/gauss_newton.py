@@ -63,7 +63,7 @@ def fit(
 
     It starts from the values of the parts, and from some motions: by default the smoothed
     measurement. ``fixed``: initial states, and strengths that differ between records, only. It ends
-    where a step, or one that had to be damped, changes chi-square by less than the ``rough``
+    where a step, or one that had to be shortened, changes chi-square by less than the ``rough``
     part of what is left beyond the noise: where the form of the equation decides, no digit of its
     values matters.
     """
@@ -96,9 +96,9 @@ def fit(
                 parts, motions = kept.moved()
                 continue
             gained = np.inf if kept is None else kept.system.power - system.power
-            if kept is not None and back and max(gained, 0.0) < little(kept.system.power):
+            was_back, back = back, False
+            if kept is not None and was_back and max(gained, 0.0) < little(kept.system.power):
                 break  # long steps lead astray, and short ones nowhere
-            back = False
             if not system.finite:
                 return _failed(parts, motions, n_values)
             if kept is not None and steps > 1 and not rough:
