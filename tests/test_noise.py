@@ -181,6 +181,36 @@ def test_what_a_filter_makes_of_harmonics_is_no_misfit():
     assert naive @ naive > 5 * (left @ left)
 
 
+def test_a_filter_may_have_changed_the_ninth_harmonic_as_well():
+    """It lies at the edge of the filter, and is turned by a radian beside the others.
+
+    It is 13 times the noise at first, and fades with the ninth power of the amplitude.
+    """
+    plain = Record.of(rs.Decay(T, CLEAN), 1e-6)
+    a = np.abs(plain.spline.amplitudes(T)[:, 1])
+    wave = 0.1 * (a / a.max()) ** 9 * np.exp(9j * plain.spline.phase(T))
+    noise = STD * filtered(np.random.default_rng(4), 9 * F0, "low")
+    record = Record.of(rs.Decay(T, CLEAN + wave.real + noise), 1e-6)
+    misfit = wave.real - (wave * np.exp(1j)).real
+    naive = replace(record, doubts=None).whitened(misfit)
+    left = record.whitened(misfit)
+    assert naive @ naive > 5 * (left @ left)
+
+
+def test_what_takes_no_part_says_nothing_of_a_filter():
+    """Beyond what takes part nothing is misfit: what a filter may have done adds none."""
+    record = recorded(STD * low_passed(np.random.default_rng(5)))
+    misfit, judges = np.zeros(len(T)), np.ones(len(T), bool)
+    misfit[: record.first // 2] = 1.0
+    alone = replace(record, doubts=None).whitened(misfit)
+    assert record.doubts is not None
+    assert np.sum(record.whitened(misfit) ** 2) <= alone @ alone
+    misfit[1000:2000], judges[900:2100] = 1.0, False
+    tested = replace(record, part=judges)
+    alone = replace(tested, doubts=None).whitened(misfit)
+    assert np.sum(tested.whitened(misfit) ** 2) <= alone @ alone
+
+
 def test_lines_that_are_harmonics_of_one_frequency_are_one_comb():
     t = np.arange(0, 10, 0.001)
     mains = [Line(150.02, 3.0), Line(50.0, 2.0), Line(99.97, 1.0)]

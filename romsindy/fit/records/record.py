@@ -26,7 +26,8 @@ from romsindy.record.spectrum import Line, Spectrum, distortion, noise_std, sett
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
-_FOLLOWS = 3  # powers of the amplitude
+_FOLLOWS = 6  # powers of the amplitude: a harmonic begins with that of its own order
+_DOUBTED, _SLOWLY = 12, 6.0  # harmonics that a filter may have changed, cycles between their knots
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
@@ -81,7 +82,7 @@ class Record(Prepared):
         power = noise.spectrum.power
         above = np.maximum(power - noise.floor**2, _DEAF * power)  # the floor
         heard = replace(noise.spectrum, power=above)
-        doubts = _doubts(t, spline, heard, cycle)
+        doubts = _doubts(t, signal, spline, heard, cycle)
         first = min(settling(heard, decay.dt), cycle / 2) / decay.dt
         return cls(decay, signal, valid, noise, spline, motion, doubts=doubts, first=round(first))
 
@@ -146,8 +147,17 @@ class Record(Prepared):
         """Orthonormal shapes (n, m) of the doubts, whitened, and the share of each that goes."""
         if self.doubts is None:
             return None
-        modes, sizes, _ = np.linalg.svd(self.noise(self.doubts), full_matrices=False)
+        white = self._taking_part(self.noise(self.doubts))
+        modes, sizes, _ = np.linalg.svd(white, full_matrices=False)
         return modes, 1 - 1 / np.sqrt(1 + sizes**2)
+
+    def _taking_part(self, white: Array) -> Array:
+        """Whitened samples (n, ...), without those that a comparison leaves out.
+
+        White samples are independent: those left out tell nothing about the others.
+        """
+        white[: self.first] = 0.0
+        return white if self.part is None else _each(white, self.part)
 
     @property
     def remarks(self) -> list[str]:
@@ -208,13 +218,11 @@ class Record(Prepared):
 
         Without what a filter may have made of the harmonics.
         """
-        white = self.noise(_each(x, self.valid))
-        if self._doubtful is not None:
-            modes, share = self._doubtful
-            white = white - modes @ (share * (modes.T @ white).T).T
-        white[: self.first] = 0.0
-        # White samples are independent: those left out tell nothing about the others.
-        return white if self.part is None else _each(white, self.part)
+        white = self._taking_part(self.noise(_each(x, self.valid)))
+        if self._doubtful is None:
+            return white
+        modes, share = self._doubtful
+        return np.asarray(white - modes @ (share * (modes.T @ white).T).T)
 
 
 def _each(x: Array, taken: NDArray[np.bool_]) -> Array:
@@ -222,18 +230,21 @@ def _each(x: Array, taken: NDArray[np.bool_]) -> Array:
     return x * (taken if x.ndim == 1 else taken[:, None])
 
 
-def _doubts(t: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float) -> Array | None:
+def _doubts(
+    t: Array, x: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float
+) -> Array | None:
     """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
-    waves = spline.amplitudes(t)
-    order = np.arange(waves.shape[1])
-    change = distortion(noise, float(t[1] - t[0]), 1 / cycle, int(order[-1]))
+    change = distortion(noise, float(t[1] - t[0]), 1 / cycle, _DOUBTED)
     if not np.any(change):
         return None
+    # A filter acts most on those that are too high for the smooth motion.
+    waves = HarmonicSpline.along(spline.phase, t, x, _SLOWLY, _DOUBTED).amplitudes(t)
+    order = np.arange(waves.shape[1])
     # Harmonics follow the amplitude: what does not is noise, and may not be taken for theirs.
     a = np.abs(waves[:, 1])
     powers = (a / a.max())[:, None] ** np.arange(1, _FOLLOWS + 1)
     waves = powers @ np.linalg.lstsq(powers, waves, rcond=None)[0]
-    waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change
+    waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change[: order[-1] - 1]
     return np.concatenate([waves.real, waves.imag], axis=1)
 
 
