@@ -21,6 +21,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import foretold, misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch, driven_instead
 from romsindy.diagnosis.search import Finding, rivals_of
+from romsindy.effects.choices import family_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution
 from romsindy.fit.kernel.prepared import Prepared
@@ -131,7 +132,9 @@ class Validation:
                 break  # other modes ask for it
             either = (fewer[i], best)
             values = [h.material if fewer[i].forced else h.moved + h.beyond for h in either]
-            if len(values[0]) > len(values[1]):
+            gone = {*best.names} - {*fewer[i].names}
+            alike = gone and family_of([(name,) for name in (*gone, *values[0])])
+            if alike or len(values[0]) > len(values[1]):
                 # Values of the model in its place are another explanation, not a simpler one.
                 apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * scale
                 if not apart and fewer[i].at(best.noise).score - best.score > UNJUDGED:
