@@ -12,7 +12,7 @@ from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.found import effects_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
-from romsindy.effects.base import Scales
+from romsindy.effects.base import Scales, State
 
 VALUES = {"omega^2": 900.0, "gamma_3": 90.0, "c_linear": 0.25}
 T = np.arange(0, 10, 0.005)
@@ -58,3 +58,19 @@ def test_the_exponent_of_a_magnet_is_free_on_a_beam():
     )
     stops = [e for e in mounted_effects(curve) if e.name == "stop"]
     assert "exponent" not in {p.name for p in stops[0].parameters(Scales(0.01, 38.0, 10.0))}
+
+
+def test_a_magnet_moves_no_sensor_that_is_zero_at_rest():
+    """A beam with one, let go a little, swings about its rest, as the equation does about zero."""
+    beam = Beam.cantilever(elements=8)
+    seen = InstrumentedBeam(beam, beam.sensors([Sensor(0.45)]))
+    magnets = [e for e in mounted_effects(seen.curve(0.01)) if e.name == "magnet"]
+    magnet = magnets[0].shaped({"distance": 0.1})
+    still = State(np.zeros(1), *np.zeros((3, 1)), 1e-3)
+    # Of a pull of 1 N: what the equilibrium is solved to.
+    assert magnet.forces(still) == pytest.approx(np.zeros((1, 1)), abs=1e-8)
+    pulled = beam.with_effect(magnet.on_beam(0.01))
+    softer = pulled.modes(count=1).omega[0] ** 2 - beam.modes(count=1).omega[0] ** 2
+    ones = np.ones((1, 1))
+    # The pull at rest also bends the beam, which changes its stiffness by less.
+    assert magnet.slopes(still, 0.01 * ones)[0][0] == pytest.approx(softer, rel=0.05)
