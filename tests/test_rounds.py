@@ -4,16 +4,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 import romsindy as rs
 from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.rounds import Rounds
 from romsindy.diagnosis.search import Options, Request
-from romsindy.diagnosis.structure import corrected
+from romsindy.diagnosis.structure import Moved, corrected
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import LinearFrequency, MoreMass
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
+from romsindy.fit.verdict import EXPLAINED, FLOOR
 
 OPTIONS = Options((), 0.01, 2, 1e-4, 1, lambda _: None)
 
@@ -96,6 +98,28 @@ def test_an_equation_has_what_it_needs_where_the_structure_has_more():
         corrected(structure, model, [there], record, decay, None, record, (needed,))
     begun, equation, simulated = ([p.values[0] for p in parts] for parts in asked)
     assert begun == equation == [needed.values[0]] and simulated == [there.values[0]]
+
+
+def test_a_fast_mode_that_is_nearly_as_simulated_is_no_misfit_of_the_first():
+    """It rings 1 % more than in the structure, where a filter has left hardly any noise."""
+    model = rs.ReducedModel.from_coefficients({"omega^2": (10 * np.pi) ** 2, "c_linear": 0.3})
+    t = np.arange(3200) / 200
+    clean, noise = model.simulate(1.0, 0.0, t).q, np.random.default_rng(0).standard_normal(3400)
+    quiet = 0.01 * sosfilt(butter(8, 0.4, output="sos"), noise)[200:]
+    ring = 0.1 * np.exp(-0.15 * t) * np.cos(2 * np.pi * 70 * t)
+
+    def moved(asked, decay):
+        return Moved([(clean + ring)[:, None]], asked.start, None)
+
+    structure = SimpleNamespace(
+        with_effects=tuple, start=lambda *_: (1.0, 0.0), moved=moved, coordinate=np.ravel
+    )
+    decay = rs.Decay(t, clean + 1.01 * ring + quiet)
+    record = Record.of(decay, FLOOR)
+    found = corrected(structure, model, [], record, decay, None, record).decay
+    there = Record.of(found, FLOOR)
+    left = there.whitened(found.signal - clean)
+    assert np.sqrt(left @ left / there.count) < EXPLAINED
 
 
 @pytest.mark.parametrize("refused", [None, 6000.0])

@@ -25,6 +25,7 @@ from romsindy.typing import Array
 _RESTLESS, _NEXT = 1.3, 8
 _FLOOR = 1e-6  # of the largest reading: the least noise
 _SLOW = 3  # cycles from knot to knot of what is no noise of a sensor
+_UNSURE = 0.015  # of what the modes above the first do, as it is simulated
 
 
 class AskedMotion(NamedTuple):
@@ -109,12 +110,15 @@ def corrected(
     asked = AskedMotion(equation, parts, record, start, release)
     moved, start, release = structure.moved(asked, decay)
     reduced = integrate(equation, np.array(start), record.motion.grid)
-    signals: dict[str, Any] = {}
+    changed: dict[str, Any] = {}
     for name, measured in record.decay.signals.items():
         order = SIGNALS.index(name)
         beside = structure.coordinate(moved[order]) - sampled(reduced, order)[:, 0]
-        signals[name] = measured - beside
-    return Corrected(replace(record.decay, **signals), moved[record.derivative], start, release)
+        changed[name] = measured - beside
+        if order == record.derivative:
+            left = _UNSURE * float(np.std(beside))
+            changed["leftover"] = np.hypot(record.decay.leftover, left)
+    return Corrected(replace(record.decay, **changed), moved[record.derivative], start, release)
 
 
 def channel_noises(record: Record, decay: Decay, floor: float) -> tuple[Noise, ...]:

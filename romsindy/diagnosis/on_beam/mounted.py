@@ -172,7 +172,9 @@ class MountedEffect(BeamEffect):
         if isinstance(law, FrictionLaw):
             change = slope * state.q_ddot[:, None] * state.step / 3
             return law.averaged(d, w, w * state.step / 3, change)
-        force = law.stiffness(d) + law.damping(d, w)  # sensors are zero where the pull at rest holds
+        force = law.stiffness(d) + law.damping(
+            d, w
+        )  # sensors are zero where the pull at rest holds
         by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
         return Averaged(force, by_d, law.damping_dq_dot(d, w), np.zeros_like(w))
 
