@@ -115,6 +115,31 @@ def test_what_no_test_can_tell_apart_is_said_so():
 
 
 @pytest.mark.slow
+def test_a_test_in_which_values_do_the_same_tells_nothing():
+    """A spring and a damper in series, at one frequency another stiffness and damping.
+
+    By likelihood a larger amplitude, of a frequency a little higher, would tell; in practice the
+    two are as one, and the values are told first however often that is made.
+    """
+    known = {"omega^2": OMEGA**2, "gamma_3": 0.1 * OMEGA**2, "c_linear": 0.01 * OMEGA}
+    model, t = rs.ReducedModel.from_coefficients(known), np.arange(0, 16, 0.005)
+    tau, k = 0.04, 0.002 * OMEGA**2
+
+    def rates(t, y):
+        force = known["omega^2"] * y[0] + known["gamma_3"] * y[0] ** 3 + known["c_linear"] * y[1]
+        return [y[1], -force - k * y[2], y[1] - y[2] / tau]
+
+    def released(amplitude, seed):
+        q = solve_ivp(rates, (0, t[-1]), [amplitude, 0, 0], "DOP853", t, rtol=1e-9, atol=1e-10)
+        return rs.Decay(t, q.y[0] + 0.01 * np.random.default_rng(seed).standard_normal(len(t)))
+
+    found = rs.diagnose(model, [released(1.0, 1)], held_out=released(0.8, 2))
+    assert found.verdict == "ambiguous" and ("maxwell",) in found.equivalent
+    assert not found.next_test.enough
+    assert "a mass added" in found.next_test.sentence and "1 : 1" not in found.next_test.sentence
+
+
+@pytest.mark.slow
 def test_the_cheapest_of_the_tests_that_tell_is_advised():
     tests = [AGAIN, replace(HIGHER, cost=2.0), replace(HIGHER, cost=3.0, amplitude=3.0)]
     assert report(damping).advised(tests).test == tests[1]

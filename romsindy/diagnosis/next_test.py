@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.gap import LoudAndQuiet
@@ -134,13 +135,13 @@ class Advice:
     @property
     def sentence(self) -> str:
         """The advice in words, to follow "Next: "."""
-        expected = f"(expected odds {float(f'{self.odds:.2g}'):g} : 1)"
-        aim = self._aim
+        odds, aim = float(f"{self.odds:.2g}"), self._aim
+        expected = f"(expected odds {odds:g} : 1)"
         if self.enough:
             return f"{self.action} would {aim} {expected}."
-        best = f"the best of them is {self.action} {expected}"
+        best = f"; the best of them is {self.action} {expected}" if odds > 1 else ""
         beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
-        return f"no test that was simulated would {aim}; {best}{beside}."
+        return f"no test that was simulated would {aim}{best}{beside}."
 
 
 @dataclass(frozen=True)
@@ -287,8 +288,11 @@ class Extrapolation:
 
     def exact_misfit(
         self, record: Record, test: Experiment, records: Sequence[Record], largest: int
-    ) -> float:
-        """The same by a fit to all records, without jumps: values may go where they are needed."""
+    ) -> tuple[float, Array]:
+        """The same by a fit to all records, without jumps: values may go where they are needed.
+
+        Beside it, what it shows of the test, (n,).
+        """
         so_far, n = self.fitted.solution, test.repetitions
         parts = tuple(
             replace(p, strengths=np.concatenate([p.strengths, p.own(largest)[None].repeat(n, 0)]))
@@ -298,7 +302,9 @@ class Extrapolation:
         )
         motions = [*so_far.motions, *[record.motion] * n]
         solution = fit(self.model, parts, [*records, *[record] * n], motions)
-        return (solution.chi_squared - so_far.chi_squared) / self._excess(test)
+        last, x = len(records) + n - 1, sampled(solution.motions[-1], record.derivative)
+        shown = read(solution.parts, last, record.t, x)[0]
+        return (solution.chi_squared - so_far.chi_squared) / self._excess(test), shown
 
     def _excess(self, test: Experiment) -> float:
         # Structure is in proportion to the amplitude, and counts in proportion to the noise.
@@ -364,13 +370,14 @@ def next_test(
     rivals: Sequence[Hypothesis],
     model: ReducedModel,
     records: Sequence[Record],
+    tolerance: Tolerance,
     tests: Sequence[Experiment] = EXPERIMENTS,
 ) -> Advice | None:
     """The cheapest test that would tell rivals apart; of several, that with the best expected odds.
 
     Where none would, the one that comes nearest; None where there is nothing to tell apart, or no
     test that the model, the simulation as it was, can simulate. The rivals are fitted to the
-    records, the best first.
+    records, the best first. What differs by less than a ``tolerance`` does not matter.
     """
     rivals = rivals[:_RIVALS]
     if len(rivals) < 2:
@@ -382,6 +389,7 @@ def next_test(
         weights(rivals),
         records,
         largest,
+        tolerance,
     )
     value, test = _best(tests, compared)
     if test is None:
@@ -421,6 +429,7 @@ class _Comparison:
     shares: Array
     records: Sequence[Record]
     largest: int  # which of the records has the largest amplitude
+    tolerance: Tolerance
     shown: dict[tuple, list[Record | None]] = field(default_factory=dict)
 
     def log_odds(self, test: Experiment, exact: bool = False) -> float:
@@ -444,8 +453,13 @@ class _Comparison:
         other = self.rivals[j]
         misfit = other.misfit(record, test)
         if exact:
-            so_far = (self.records, self.largest)
-            misfit = min(misfit, other.exact_misfit(record, test, *so_far))
+            fitted, simulated = other.exact_misfit(record, test, self.records, self.largest)
+            misfit = min(misfit, fitted)
+            # Values that do the same within the tolerance come first, whatever the odds.
+            a, b = ({p.effect.name for p in self.rivals[k].fitted.effects} for k in (i, j))
+            same = Difference.of(record, simulated, exact=True).within(self.tolerance)
+            if same and (a <= b or b <= a):
+                return 0.0
         if not np.isfinite(misfit):
             return -np.inf
         misfit = max(misfit, 0.0)

@@ -467,7 +467,7 @@ class DiagnosisReport(BesideDecays, Explained):
         """Of the tests that can be made, that which would best tell explanations apart."""
         if self.verdict != "ambiguous":
             return None
-        return next_test(self.rivals, self.nominal, self.records, tests)
+        return next_test(self.rivals, self.nominal, self.records, self.tolerance, tests)
 
     # -- words ---------------------------------------------------------------------------------
 
