@@ -681,7 +681,9 @@ def test_pendulum_lacks_dry_friction(measured):
     assert [e.name for e in result.effects] == ["dry_friction", "viscous"]
     assert result.moved == ()
     assert result.effects[0].values["strength"] == pytest.approx(1.98, rel=0.2)
-    after = np.concatenate(result.best.solution.residuals)
+    # A filter has spoilt the first half of a cycle, which takes no part.
+    pairs = zip(result.records, result.best.solution.residuals, strict=True)
+    after = np.concatenate([left[record.first :] for record, left in pairs])
     assert np.rad2deg(np.sqrt(np.mean(after**2))) < 0.8
     # Eight cycles are enough for every picture; the simulation damps too much there.
     readings = {p.title: p.caption for p in result.pictures().values()}

@@ -22,12 +22,12 @@ from romsindy.record.noise import Noise
 from romsindy.record.ringing import beside
 from romsindy.record.signals import steady_wave
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Line, Spectrum, distortion, noise_std, settling
+from romsindy.record.spectrum import HARMONICS, Line, Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
-_FOLLOWS = 6  # powers of the amplitude: a harmonic begins with that of its own order
-_DOUBTED, _SLOWLY = 12, 6.0  # harmonics that a filter may have changed, cycles between their knots
+# Of harmonics that a filter may have changed: the highest, cycles for each, cycles between knots
+_DOUBTED, _TELLING, _SLOWLY = 12, 4.0, 3.0
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
@@ -234,15 +234,17 @@ def _doubts(
     t: Array, x: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float
 ) -> Array | None:
     """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
-    change = distortion(noise, float(t[1] - t[0]), 1 / cycle, _DOUBTED)
+    # Each takes some of what a record says, of which few cycles have little.
+    highest = int(np.clip(t[-1] / cycle / _TELLING, HARMONICS, _DOUBTED))
+    change = distortion(noise, float(t[1] - t[0]), 1 / cycle, highest)
     if not np.any(change):
         return None
     # A filter acts most on those that are too high for the smooth motion.
-    waves = HarmonicSpline.along(spline.phase, t, x, _SLOWLY, _DOUBTED).amplitudes(t)
+    waves = HarmonicSpline.along(spline.phase, t, x, _SLOWLY, highest).amplitudes(t)
     order = np.arange(waves.shape[1])
     # Harmonics follow the amplitude: what does not is noise, and may not be taken for theirs.
     a = np.abs(waves[:, 1])
-    powers = (a / a.max())[:, None] ** np.arange(1, _FOLLOWS + 1)
+    powers = (a / a.max())[:, None] ** np.arange(1, highest // 2 + 1)
     waves = powers @ np.linalg.lstsq(powers, waves, rcond=None)[0]
     waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change[: order[-1] - 1]
     return np.concatenate([waves.real, waves.imag], axis=1)
