@@ -172,18 +172,17 @@ class MountedEffect(BeamEffect):
         if isinstance(law, FrictionLaw):
             change = slope * state.q_ddot[:, None] * state.step / 3
             return law.averaged(d, w, w * state.step / 3, change)
-        force = law.stiffness(d) + law.damping(
-            d, w
-        )  # sensors are zero where the pull at rest holds
+        force = law.stiffness(d) + law.preload + law.damping(d, w)
         by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
         return Averaged(force, by_d, law.damping_dq_dot(d, w), np.zeros_like(w))
 
     def forces(self, state: State) -> Array:
-        """The projection for a unit of strength."""
+        """The projection for a unit of strength, less that at rest, where sensors are zero."""
         q = self.curve.within(state.q)
         slope = self._path.slope(q)
-        force = self._resistance(state, q, slope).force
-        return np.asarray((slope * force) @ self._path.weights)[None]
+        force = slope * self._resistance(state, q, slope).force
+        held = self._path.slope(np.zeros(1)) * self._law.preload
+        return np.asarray((force - held) @ self._path.weights)[None]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the projection."""
