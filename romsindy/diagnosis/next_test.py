@@ -457,8 +457,8 @@ class _Comparison:
             misfit = min(misfit, fitted)
             # Values that do the same within the tolerance come first, whatever the odds.
             a, b = ({p.effect.name for p in self.rivals[k].fitted.effects} for k in (i, j))
-            same = Difference.of(record, simulated, exact=True).within(self.tolerance)
-            if same and (a <= b or b <= a):
+            alone = a <= b or b <= a  # one says nothing but values beside what the other says
+            if alone and Difference.of(record, simulated, exact=True).within(self.tolerance):
                 return 0.0
         if not np.isfinite(misfit):
             return -np.inf
