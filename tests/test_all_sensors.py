@@ -109,6 +109,17 @@ def test_a_second_mode_may_be_off_by_what_is_known_of_it(off):
     assert wrong - right == pytest.approx(least, rel=0.1)
 
 
+def test_steps_in_time_leave_of_every_mode_what_is_not_known_of_it():
+    """Those of the trapezoidal rule, by which a mode is 2 / h arctan(omega h / 2)."""
+    seen = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(x) for x in np.linspace(0.1, 0.4, 6)]))
+    known = Latitude.of(seen, (), (0.0, 0.0), np.zeros(seen.shapes.shape)).frequencies
+    omega = seen.basis.omega[1 : len(known) + 1]
+    half = np.sqrt(3 * known[0]) / omega[0]  # a series: (omega h)^2 / 12 of the second
+    slower = 1 - np.arctan(omega * half) / (omega * half)
+    assert len(known) > 1
+    assert_allclose(known, slower, rtol=0.03)  # the next term of the series
+
+
 def test_a_value_that_is_open_moves_by_what_the_second_mode_says():
     """Where a unit moves it by 1 %, half of that is half a unit.
 

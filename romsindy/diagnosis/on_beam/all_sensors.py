@@ -47,7 +47,7 @@ _FINE = 51  # places between two points
 _ITERATIONS, _SETTLED = 4, 0.05  # of a fit; radians
 _GROWN = (0.25, 0.5, 1.0)  # parts of what was read: a mode that is off may lose step over all of it
 # Relative standard deviation of the frequency of the second mode, at the least. Errors of a mesh,
-# of steps in time and of small masses grow with the frequency.
+# and of steps in time, grow with the square of the frequency.
 _FREQUENCY = 5e-4
 
 
@@ -81,7 +81,7 @@ class Latitude:
         count = seen.shapes.shape[1]
         omega = seen.basis.omega[:count]
         shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
-        least = _FREQUENCY * omega / omega[min(1, count - 1)]
+        least = _FREQUENCY * (omega / omega[min(1, count - 1)]) ** 2
         frequencies = np.sqrt(least**2 + sum(x**2 for x in shifts))
         alpha, eta = np.hypot(damping, SAME_DAMPING * np.array([seen.beam.alpha, seen.beam.eta]))
         rates = np.hypot(alpha, eta * omega**2) / 2
