@@ -288,6 +288,19 @@ def test_a_record_that_a_hum_outlasts_ends_where_its_vibration_does(length, rate
     assert ends[1] == pytest.approx(ends[0], abs=0.2)
 
 
+@pytest.mark.parametrize("lasts", [1.3, 6.0])
+@pytest.mark.parametrize("hum", [1.0, 1.4, 2.0, 2.6])
+def test_a_hum_about_as_loud_as_the_noise_is_no_vibration(lasts, hum):
+    """Dry friction stops 14 Hz in 25 swings; six times as long, most of the power may be hum."""
+    t = np.arange(0, 25 / 14 * lasts, 1 / 630)
+    q = np.maximum(1 - t * 14 / 25, 0) * np.cos(2 * np.pi * 14 * t)
+    for seed in range(5):
+        q_noisy = q + 0.008 * np.random.default_rng(seed).standard_normal(len(t))
+        q_noisy += 0.008 * hum * np.sqrt(2) * np.sin(2 * np.pi * 50 * t + seed)
+        record = Record.loud(rs.Decay(t, q_noisy), 0.0)
+        assert record.rate == pytest.approx(2 * np.pi * 14, rel=0.02)  # half a cycle of the end
+
+
 @pytest.mark.parametrize(("hum", "hertz"), [(0.1, 50.0), (0.1, 5.3), (0.1, 11.0)])
 def test_a_hum_that_outlasts_the_vibration_is_not_followed(hum, hertz):
     """11 Hz that fade in seven cycles, and a hum for 30: over all of it the hum is in most cycles.

@@ -180,6 +180,15 @@ def test_a_hum_that_goes_on_is_told_and_removed():
     assert any("removed" in note for note in free.notes)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_hum_that_goes_on_is_told_in_noise_that_is_nearly_as_loud(seed):
+    """By chance its quarters differ then by some per cent of it."""
+    noise = np.random.default_rng(seed).normal(0, 0.004, len(T))
+    decay, hum = viscous_decay(T, 2 * np.pi * 5, 0.01), 0.01 * np.cos(2 * np.pi * 13 * T)
+    wave = steady_wave(decay + hum + noise, DT)
+    assert wave is not None and wave.frequency == pytest.approx(13, abs=2e-3)
+
+
 def test_what_decays_or_is_moved_by_noise_is_no_hum():
     rng = np.random.default_rng(5)
     decay = viscous_decay(T, 2 * np.pi * 5, 0.01)

@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt
 
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array, Indices
 
 Mask = NDArray[np.bool_]
@@ -31,9 +32,9 @@ _QUIET = 0.1
 # Turning points without which no midline tells where a vibration rests; part of the rms of a few
 # cycles from which a level matters.
 _FEW, _MATTERS = 6, 0.07
-# A wave that stays: parts of a record at its end, and the departure of each quarter of it; the
-# frequency is refined so often.
-_ENDS, _SAME, _REFINED = (2, 4, 8), 0.04, 4
+# A wave that stays: parts of a record at its end, the departure of each quarter of it beside that
+# by noise, in standard deviations; the frequency is refined so often.
+_ENDS, _SAME, _BY_CHANCE, _REFINED = (2, 4, 8), 0.04, 2.5, 4
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -223,11 +224,12 @@ def steady_wave(x: Array, dt: float, cycles: float = 20.0, louder: float = 10.0)
         left = x[end] - np.mean(x[end]) - wave(t[end])
         faded = louder * abs(wave.size) < np.abs(x).max()
         lasts = wave.frequency * len(left) * dt > cycles
-        if not (faded and lasts) or np.var(left) > abs(wave.size) ** 2 / 4:  # half of its power
+        if not (faded and lasts) or np.var(left) > abs(wave.size) ** 2:  # twice its power
             continue
         turned = left * np.exp(-2j * np.pi * wave.frequency * t[end])
         each = [2 * np.mean(quarter) for quarter in np.array_split(turned, 4)]
-        if np.all(np.abs(each) < _SAME * abs(wave.size)):
+        by_noise = _BY_CHANCE * 2 * noise_std(left) / np.sqrt(len(left) / 4)
+        if np.all(np.abs(each) < _SAME * abs(wave.size) + by_noise):
             return wave
     return None
 

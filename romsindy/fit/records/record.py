@@ -32,8 +32,9 @@ _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
 # Cycles for which what goes on is heard, and how much louder the vibration is at least; logarithm
-# of frequencies of one vibration; rms over what goes on from which it is heard beside it.
-_GOES_ON, _OWN, _DROWNED = (8.0, 4.0), 0.1, 0.5
+# of frequencies of one vibration; rms over what goes on from which it is heard beside it, where
+# noise is by chance so many standard deviations louder.
+_GOES_ON, _OWN, _DROWNED, _CHANCE = (8.0, 4.0), 0.1, 0.5, 4.0
 _FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
@@ -257,7 +258,7 @@ def _steps_per_cycle(noise_share: float) -> int:
 
 
 def _until_another(decay: Decay) -> Decay:
-    """Without an end, longer than the vibration, in which something else goes on, such as a hum.
+    """Without an end in which something else goes on, such as a hum.
 
     Its cycles would be taken for those of the vibration.
     """
@@ -268,8 +269,10 @@ def _until_another(decay: Decay) -> Decay:
     if abs(np.log(wave.frequency * cycle * decay.dt)) < _OWN:  # the vibration itself
         return decay
     envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
-    last = int(np.flatnonzero(np.append(True, envelope > _DROWNED * abs(wave.size)))[-1])
-    return decay if 2 * last > len(centred) else decay.between(decay.t[0], decay.t[last])
+    noise = noise_std(decay.signal) * (1 + _CHANCE / np.sqrt(2 * cycle))  # rms of so few samples
+    heard = np.hypot(_DROWNED * abs(wave.size), noise)
+    last = int(np.flatnonzero(np.append(True, envelope[1:] > heard))[-1])
+    return decay.between(decay.t[0], decay.t[last])
 
 
 def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
