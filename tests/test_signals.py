@@ -11,12 +11,11 @@ from romsindy.record.signals import (
     fundamental_frequency,
     lowpass,
     rest_level,
-    steady_wave,
     upsample,
     vertex,
 )
 from romsindy.record.smoothing import integrate
-from romsindy.record.spectrum import noise_std
+from romsindy.record.spectrum import noise_std, steady_wave
 
 DT = 0.01
 T = np.arange(4000) * DT

@@ -27,10 +27,10 @@ from romsindy.record.signals import (
     downsample,
     fundamental_frequency,
     rest_level,
-    steady_wave,
     upsample,
 )
 from romsindy.record.smoothing import Butterworth, Filter, displacement
+from romsindy.record.spectrum import steady_wave
 from romsindy.record.units import require_unit_of_q
 from romsindy.typing import Array, Indices
 

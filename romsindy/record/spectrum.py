@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -31,6 +32,9 @@ from romsindy.typing import Array, Indices
 # Bands of a spectrum for its slope, from this line on: what is slower may be drift.
 _BANDS, _FIRST = 30, 4
 _QUIET_PART = 20  # of the spectrum: its quietest such part is taken for noise
+# A wave that stays: parts of a record at its end, the departure of each quarter of it beside that
+# by noise, in standard deviations; the frequency is refined so often.
+_ENDS, _SAME, _BY_CHANCE, _REFINED = (2, 4, 8), 0.04, 2.5, 4
 
 
 def noise_std(x: Array) -> float:
@@ -312,3 +316,53 @@ def _response(noise: Spectrum, dt: float) -> np.ndarray | None:
     cepstrum[1:_LINES] *= 2
     cepstrum[_LINES + 1 :] = 0
     return np.fft.rfft(cepstrum)
+
+
+class Wave(NamedTuple):
+    """A sine of constant size: ``size`` (complex) at time 0, unit of the signal."""
+
+    frequency: float
+    size: complex
+
+    def __call__(self, t: Array) -> Array:
+        """At times t, s."""
+        return np.real(self.size * np.exp(2j * np.pi * self.frequency * t))
+
+
+def steady_wave(x: Array, dt: float, cycles: float = 20.0, louder: float = 10.0) -> Wave | None:
+    """What goes on as a decay has faded, such as a hum; None where there is no such vibration.
+
+    It is most of the end of the signal, more than so many ``cycles``, and the same in all quarters
+    of that: what decays to a tenth over the record, or is moved by a force that is noise, changes
+    there. The signal is ``louder`` by so many times at least.
+    """
+    t = dt * np.arange(len(x))
+    for part in _ENDS:
+        end = slice(len(x) - len(x) // part, len(x))
+        wave = _fitted_wave(t[end], x[end])
+        left = x[end] - np.mean(x[end]) - wave(t[end])
+        faded = louder * abs(wave.size) < np.abs(x).max()
+        lasts = wave.frequency * len(left) * dt > cycles
+        if not (faded and lasts) or np.var(left) > abs(wave.size) ** 2:  # twice its power
+            continue
+        turned = left * np.exp(-2j * np.pi * wave.frequency * t[end])
+        each = [2 * np.mean(quarter) for quarter in np.array_split(turned, 4)]
+        by_noise = _BY_CHANCE * 2 * noise_std(left) / np.sqrt(len(left) / 4)
+        if np.all(np.abs(each) < _SAME * abs(wave.size) + by_noise):
+            return wave
+    return None
+
+
+def _fitted_wave(t: Array, x: Array) -> Wave:
+    """The strongest line of a signal, by least squares from the peak of its spectrum."""
+    n, dt = len(x), float(t[1] - t[0])
+    spectrum = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(n), 8 * n))
+    frequency = float(np.argmax(spectrum)) / (8 * n * dt)
+    for _ in range(_REFINED):
+        turn = np.exp(-2j * np.pi * frequency * t)
+        basis = np.stack([turn.real, -turn.imag, np.ones(n)], axis=1)
+        a, b, rest = np.linalg.lstsq(basis, x, rcond=None)[0]
+        wave = Wave(frequency, complex(a, -b))
+        first, last = (np.mean(half) for half in np.array_split((x - rest) * turn, 2))
+        frequency += float(np.angle(last / first)) / (np.pi * n * dt)  # by how its phase turns
+    return wave

@@ -20,9 +20,16 @@ from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
 from romsindy.record.ringing import beside
-from romsindy.record.signals import steady_wave
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import HARMONICS, Line, Spectrum, distortion, noise_std, settling
+from romsindy.record.spectrum import (
+    HARMONICS,
+    Line,
+    Spectrum,
+    distortion,
+    noise_std,
+    settling,
+    steady_wave,
+)
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
