@@ -30,7 +30,7 @@ from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
 from romsindy.fit.adequacy.verdicts import Adequacy, examine
-from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part, Solution
 from romsindy.fit.kernel.shooting import shoot, simulated_misfit
@@ -59,10 +59,11 @@ class ProcessNoise:
         parts: Sequence[Part],
         n_unsure: int,
         n_free: int,
+        motions: Sequence[Trajectory] | None = None,
     ) -> Hypothesis:
         # One thread: the same sums in the same order, however many processes there are.
         with threadpool_limits(limits=1, user_api="blas"):
-            solution = fit(model, parts, records)
+            solution = fit(model, parts, records, motions)
             if solution.finite and not solution.converged:
                 # A motion that does not yet satisfy its equation leaves too little.
                 given = (solution.parts, records, solution.motions)
@@ -274,7 +275,8 @@ class DecaySearch(Search):
         if not singles or now - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
-        tried = self.ranked(self.fitted(trials))
+        shown = any(p.effect.family == "measurement" for p in best.effects)  # another motion
+        tried = self.ranked(self.fitted(trials, best.solution.motions if shown else None))
         if not tried:
             return []
         tried = self.ranked([*self.further(tried[:3]), *tried[3:]])

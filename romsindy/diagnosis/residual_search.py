@@ -38,7 +38,7 @@ from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Drive, InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy.independence import by_value_of, examine_driven, settled
 from romsindy.fit.adequacy.verdicts import Adequacy
-from romsindy.fit.kernel.collocation import TrajectoryError
+from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.noises import Noises, NoiseTable, found_noises, usual_noises
@@ -147,13 +147,14 @@ class NoiseOfBest:
         parts: Sequence[Part],
         n_unsure: int,
         n_free: int,
+        motions: Sequence[Trajectory] | None = None,
     ) -> Hypothesis:
         # Parts that stand instead of inputs take their place.
         given = driven_instead(model, parts)
         n_samples = sum(r.count for r in records)
         with threadpool_limits(limits=1, user_api="blas"):
             iterations = _UNSETTLED if self.unsettled else _SETTLED
-            solution = fit(given, parts, records, iterations=iterations)
+            solution = fit(given, parts, records, motions, iterations=iterations)
             empty = Hypothesis(solution, n_free, n_samples, None, noise=(), n_unsure=n_unsure)
             return self._weighed(given, records, empty)
 

@@ -394,9 +394,18 @@ class NoiseModel(Protocol):
     """
 
     def fitted(
-        self, model: Any, records: Sequence[Any], parts: Sequence[Part], n_unsure: int, n_free: int
+        self,
+        model: Any,
+        records: Sequence[Any],
+        parts: Sequence[Part],
+        n_unsure: int,
+        n_free: int,
+        motions: Sequence[Trajectory] | None = None,
     ) -> Hypothesis:
-        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
+        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects.
+
+        It starts from the ``motions``: see `romsindy.fit.kernel.gauss_newton.fit`.
+        """
 
     def further(self, model: Any, records: Sequence[Any], hypothesis: Hypothesis) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
@@ -456,22 +465,30 @@ class Search(ABC):
         """The same search, unsure of these values."""
         return replace(self, free=tuple(free))
 
-    def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
-        """Fit and weigh the unsure values together with some effects."""
-        return self._fitted([parts])[0]
+    def hypothesis(
+        self, parts: Sequence[Part], motions: Sequence[Trajectory] | None = None
+    ) -> Hypothesis:
+        """Fit and weigh the unsure values together with some effects, from motions if given."""
+        return self._fitted([parts], motions)[0]
 
-    def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
+    def fitted(
+        self, trials: Sequence[Sequence[Part]], motions: Sequence[Trajectory] | None = None
+    ) -> list[Hypothesis]:
         """Fit and weigh several, in parallel, until the time is up."""
-        return [] if self.options.over else self._fitted(trials)
+        return [] if self.options.over else self._fitted(trials, motions)
 
-    def _fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
+    def _fitted(
+        self, trials: Sequence[Sequence[Part]], motions: Sequence[Trajectory] | None
+    ) -> list[Hypothesis]:
         for parts in trials:
             self.options.progress(" + ".join(p.effect.name for p in parts) or "nothing")
         first = (*self.free, *self.beside)
         # Functions of data alone go to other processes: a Search holds what cannot.
         given = (self.model, self.records)
         tasks = (
-            delayed(self.noise.fitted)(*given, (*first, *parts), len(self.free), len(first))
+            delayed(self.noise.fitted)(
+                *given, (*first, *parts), len(self.free), len(first), motions
+            )
             for parts in trials
         )
         found = []
@@ -540,12 +557,13 @@ class Search(ABC):
     def without_one(self, best: Hypothesis, known: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
         """What is left of a hypothesis without one of its effects, for each of them.
 
-        The best of several fits: those that are known started elsewhere.
+        They start from its motion, for a sensor may have shown another. The best of several fits:
+        those that are known started elsewhere.
         """
         parts = best.effects
         fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
         found = []
-        for fitted in self.unsure_as(best).fitted(fewer):
+        for fitted in self.unsure_as(best).fitted(fewer, best.solution.motions):
             names = [p.effect.name for p in fitted.effects]
             alike = [h for h in known if [p.effect.name for p in h.effects] == names]
             found.append(min([fitted, *alike], key=lambda h: h.at(best.noise).score))

@@ -309,7 +309,8 @@ def _snapped(search: DecaySearch, best: Hypothesis, records: Mapping[str, Record
         fixed = [whole(p) for p in best.effects]
         if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
             continue
-        trial = search.unsure_as(best).hypothesis(fixed).at(best.noise)
+        unsure, motions = search.unsure_as(best), best.solution.motions
+        trial = unsure.hypothesis(fixed, motions).at(best.noise)
         rise = trial.solution.chi_squared - best.solution.chi_squared
         # No value of the model moves to make up for it.
         same = trial.solution.converged and trial.names == best.names
