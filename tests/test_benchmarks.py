@@ -693,6 +693,18 @@ def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
     assert "input is band-limited" in str(fit)
 
 
+@pytest.mark.study
+@pytest.mark.slow
+@benchmark_of("generator")
+def test_what_was_held_out_refutes_is_looked_beyond(benchmark, tmp_path):
+    """A tuned mass follows what was learned, but not the stretches held out: two forces do."""
+    trial = benchmark.trial_of("two", 75001, tmp_path)
+    (decay,) = trial.decays()
+    report = rs.diagnose(trial.model, decay)
+    assert ("cubic_stiffness", "cubic_damping") in report.equivalent
+    assert report.gap.after < 1.1
+
+
 @benchmark_of("clamped_beam")
 def test_small_run_of_a_measured_clamped_beam(benchmark, measured):
     """Mode 3 takes part: of 0.3 s one coordinate leaves far more than noise, a tenth of the rms."""

@@ -12,7 +12,15 @@ from romsindy.diagnosis.arguments import FREE, check_request, checked_records
 from romsindy.diagnosis.decay_search import DecaySearch, ProcessNoise
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nuisances
-from romsindy.diagnosis.gap import HELD_OUT, Gap, follow, misfit_of, motions_of, name_of, predict
+from romsindy.diagnosis.gap import (
+    HELD_OUT,
+    Gap,
+    follow,
+    misfit_of,
+    motions_of,
+    name_of,
+    predict,
+)
 from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import (
@@ -38,6 +46,7 @@ from romsindy.fit.verdict import (
     EXPLAINED,
     NEARLY_WHOLE,
     NOTHING_LEFT,
+    PREDICTED,
     ROUNDED,
     SHARED,
     UNJUDGED,
@@ -74,7 +83,7 @@ def diagnose_model(
     agree = _agree(search, slack, as_it_was)
     found = Finding([exact], [exact], exact) if agree else search.run()
     if not found.interrupted:
-        found, records = _validated(search, exact, found, records)
+        found, records = _without_refuted(search, exact, found, records)
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     unsure = [p.effect.name for p in parts]
     linear = (LinearFrequency.name, Viscous.name, *(v.name for v in others))
@@ -144,6 +153,33 @@ def _validated(
         return _with_plain_values(found), records
     found, blind = validation.useful(found, least)
     return found, replace(records, tests={}) if blind else records
+
+
+def _without_refuted(
+    search: DecaySearch, exact: Hypothesis, found: Finding, records: _Records
+) -> tuple[Finding, _Records]:
+    """The finding by what took no part; looked for again without effects that this refutes.
+
+    What they seemed to explain kept others from being tried. The finding that foretells more.
+    """
+    tested = _validated(search, exact, found, records)
+    best = tested[0].rivals[0]
+    gone = {p.effect.name for p in found.rivals[0].effects} - {*best.names}
+    if not (gone and records.tests) or search.options.over:
+        return tested
+
+    def misfit(validated: tuple[Finding, _Records]) -> float:
+        left = misfit_of(search.model, validated[0].rivals[0], records.tests)
+        return float(np.sum(left**2))
+
+    if misfit(tested) < PREDICTED**2 * sum(r.count for r in records.tests.values()):
+        return tested
+    left = tuple(e for e in search.options.catalogue if e.name not in gone)
+    other = replace(search, options=replace(search.options, catalogue=left), compared=[])
+    again = other.run()
+    if again.interrupted:
+        return tested
+    return min(tested, _validated(other, exact, again, records), key=misfit)
 
 
 def _that_matter(
