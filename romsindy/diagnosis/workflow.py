@@ -160,12 +160,12 @@ def _without_refuted(
 ) -> tuple[Finding, _Records]:
     """The finding by what took no part; looked for again without effects that this refutes.
 
-    What they seemed to explain kept others from being tried. The finding that foretells more.
+    They seemed to explain all that was learned, which kept others from being tried. The finding
+    that foretells more.
     """
-    tested = _validated(search, exact, found, records)
-    best = tested[0].rivals[0]
-    gone = {p.effect.name for p in found.rivals[0].effects} - {*best.names}
-    if not (gone and records.tests) or search.options.over:
+    tested, first = _validated(search, exact, found, records), found.rivals[0]
+    gone = {p.effect.name for p in first.effects} - {*tested[0].rivals[0].names}
+    if not (gone and records.tests and search.remainder(first).explained) or search.options.over:
         return tested
 
     def misfit(validated: tuple[Finding, _Records]) -> float:
