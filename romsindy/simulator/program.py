@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -110,9 +110,10 @@ class Program:
         if "times" in self._places:
             filled["times"] = str(folder / "times.csv")
             np.savetxt(filled["times"], t)
+        code = getattr(force, "code", None) or _nothing  # in the language of an ending
         for name in self._forces:
             filled[name] = str(folder / name)
-            Path(filled[name]).write_text(_force_text(force, name), encoding="utf-8")
+            Path(filled[name]).write_text(code(Path(name).suffix[1:]), encoding="utf-8")
         missing = [p for p in self._places if p not in filled]
         if missing:
             raise SimulatorError(
@@ -185,12 +186,6 @@ class Program:
         if len(came) == len(t) and np.allclose(came, t, atol=1e-6 * (t[1] - t[0]), rtol=0):
             return x
         return np.asarray(make_interp_spline(came, x, k=5)(np.minimum(t, came[-1])))
-
-
-def _force_text(force: Callable[..., float] | None, name: str) -> str:
-    """A file with a force in the language of its ending; without one it is zero."""
-    code = getattr(force, "code", None)
-    return (code or _nothing)(Path(name).suffix[1:])
 
 
 def _nothing(language: str) -> str:
