@@ -35,33 +35,6 @@ def is_coupled(terms: Sequence[Term]) -> bool:
     return any(isinstance(term, CoupledTerm) for term in terms)
 
 
-def coupled_terms(
-    modes: int,
-    inertia: Sequence[int],
-    stiffness: Sequence[int],
-    damping: Sequence[str],
-    masses: bool = False,
-) -> tuple[CoupledTerm, ...]:
-    """Terms in the order of a library's columns; arguments as those of `ROMLibrary`."""
-    found: list[CoupledTerm] = []
-    for order in inertia:
-        found += _slaved(modes, order)
-    for degree in stiffness:
-        found += [Along.coordinate(Stiffness(degree), i) for i in _numbers(modes)]
-    for degree in stiffness:
-        if degree > 1:  # coordinates are modes: small motions are not coupled
-            found += [MixedStiffness(p) for p in _products(modes, degree + 1) if max(p) <= degree]
-    for kind in damping:
-        found += [Along.coordinate(damping_law(kind), i) for i in _numbers(modes)]
-    if masses:
-        found += [Along.coordinate(AddedMass(), i) for i in _numbers(modes)[1:]]
-    return tuple(found)
-
-
-def _numbers(modes: int) -> range:
-    return range(1, modes + 1)
-
-
 def _products(modes: int, degree: int) -> list[Powers]:
     """Powers of all products of the coordinates of a degree, those of q1 first."""
     chosen = combinations_with_replacement(range(modes), degree)
@@ -335,8 +308,7 @@ class ROMLibrary(TermLibrary):
         if not whole or self.modes < 1:
             raise ValueError(f"modes = {self.modes!r} must be a whole number of at least 1")
         if self.modes > 1:
-            damping = [self.damping] if isinstance(self.damping, str) else self.damping
-            return coupled_terms(self.modes, self.inertia, self.stiffness, damping, self.masses)
+            return self._of_modes()
         if self.masses:
             raise ValueError("masses = True needs modes of at least 2: q1 has the mass 1")
         return (
@@ -344,6 +316,24 @@ class ROMLibrary(TermLibrary):
             + StiffnessLibrary(self.stiffness).terms
             + DampingLibrary(self.damping).terms
         )
+
+    def _of_modes(self) -> tuple[CoupledTerm, ...]:
+        """The terms of several coordinates."""
+        modes, numbers = self.modes, range(1, self.modes + 1)
+        found: list[CoupledTerm] = []
+        for order in self.inertia:
+            found += _slaved(modes, order)
+        for degree in self.stiffness:
+            found += [Along.coordinate(Stiffness(degree), i) for i in numbers]
+        for degree in self.stiffness:
+            if degree > 1:  # coordinates are modes: small motions are not coupled
+                products = _products(modes, degree + 1)
+                found += [MixedStiffness(p) for p in products if max(p) <= degree]
+        for kind in [self.damping] if isinstance(self.damping, str) else self.damping:
+            found += [Along.coordinate(damping_law(kind), i) for i in numbers]
+        if self.masses:
+            found += [Along.coordinate(AddedMass(), i) for i in numbers[1:]]
+        return tuple(found)
 
 
 def library_terms(library: BaseFeatureLibrary) -> tuple[Term, ...]:
