@@ -113,17 +113,12 @@ def _scaled(deck: Deck, value: PartValue, factor: float) -> Iterator[Card]:
             f"{sections[0].at}: the material {material} has no *{MATERIAL[value.kind]}, of which"
             f" {value.kind} of {value.of} is a factor"
         )
-    done = False
     for card in deck.cards:
         if card in sections:
-            if not done:
+            if card is sections[0]:
                 yield from copy
-                done = True
-            others = "".join(
-                f", {k}={v}" if v else f", {k}"
-                for k, v in card.parameters.items()
-                if k != "MATERIAL"
-            )
+            kept = [(k, v) for k, v in card.parameters.items() if k != "MATERIAL"]
+            others = "".join(f", {k}={v}" if v else f", {k}" for k, v in kept)
             yield _of_text(card, f"*SOLID SECTION{others}, MATERIAL={name}", *card.data)
         else:
             yield card
@@ -146,30 +141,23 @@ def times(card: Card, factor: float) -> Card:
 def _softer(deck: Deck, value: PartValue, compliance: float) -> Iterator[Card]:
     """Cards with springs to the ground in the place of a set of nodes that is held."""
     nodes = sorted(set(deck.sets.get(value.of, ())))
-    held = [
-        fields
-        for card in deck.of("BOUNDARY")
-        for fields in card.fields()
-        if fields[0].upper() == value.of
-    ]
+    rows = [fields for card in deck.of("BOUNDARY") for fields in card.fields()]
+    held = [fields for fields in rows if fields[0].upper() == value.of]
     if not nodes or not held:
-        named = {f[0].upper() for card in deck.of("BOUNDARY") for f in card.fields()}
-        known = sorted(n for n in named if n in deck.sets)
+        known = sorted({f[0].upper() for f in rows} & deck.sets.keys())
         raise DeckError(
             f"{deck.path}: {value.kind} of {value.of} is asked, and no line of *BOUNDARY holds a"
             f" set of nodes of that name: there are {listed(known) or 'none'}; hold the clamp by a"
             " set of its nodes"
         )
-    last = None
     for card in deck.cards:
-        last = card
         if card.name != "BOUNDARY":
             yield card
             continue
         left = [line for line in card.data if line.split(",")[0].strip().upper() != value.of]
         if left:
             yield _of_text(card, card.lines[0], *left)
-    assert last is not None
+    last = deck.cards[-1]
     stiffness = 1 / (compliance * len(nodes))
     element = deck.next_element
     for fields in held:
