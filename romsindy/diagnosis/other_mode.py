@@ -133,9 +133,7 @@ class Interaction:
 
 def over_pieces(found: FittedPieces) -> str:
     """Over what a model was fitted, each piece from an initial state of its own."""
-    if np.isinf(found.cycles):
-        return "the whole decay"
-    return f"pieces of {found.cycles:.0f} cycles"
+    return "the whole decay" if np.isinf(found.cycles) else f"pieces of {found.cycles:.0f} cycles"
 
 
 def interaction_of(
@@ -151,9 +149,10 @@ def interaction_of(
     ``floor`` is the least noise, as a part of the largest sample: less than that does not matter.
     None where either follows the motion over no piece of the decays.
     """
-    frequencies = np.array([own.small_frequency, other.small_frequency])
-    records = coupled_records(decays, frequencies, floor)
-    start, progress = Stage(_beside(model, other), free_shapes(records)), Progress(say, _pass)
+    records = coupled_records(decays, np.array([own.small_frequency, other.small_frequency]), floor)
+    start = Stage(_beside(model, other), free_shapes(records))
+    # An interrupt ends the whole comparison: nothing of it is kept.
+    progress = Progress(say, lambda _: None)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         alone = of_plainest_kind(start, records, _ALONE, progress)
@@ -206,10 +205,6 @@ def _over(
     again = fitted(found.stage, heard.records, cycles)
     # What loses the motion where the noise is another one stands as it was fitted.
     return heard if again is None and found.cycles == cycles else again
-
-
-def _pass(found: FittedPieces) -> None:
-    """An interrupt ends the whole comparison: nothing of it is kept."""
 
 
 def _beside(model: ReducedModel, other: Vibration) -> CoupledModel:
@@ -365,14 +360,9 @@ class InteractionReport(BesideDecays, Written):
         found = takes_part(self.interaction, self.fit)
         moved = values_that_moved(self.nominal, self.fit)
         missing = f"{found}. {self._closing('It closes')} {footing(self.interaction)}{moved}"
-        return "\n".join(
-            [
-                self.one_coordinate.opening,
-                f"Missing: {missing}",
-                f"Left: {words.remainder(self.gap, self.left)}",
-                *self._noted(self.notes),
-            ]
-        )
+        lines = [self.one_coordinate.opening, f"Missing: {missing}"]
+        lines.append(f"Left: {words.remainder(self.gap, self.left)}")
+        return "\n".join([*lines, *self._noted(self.notes)])
 
     # -- tables and files ------------------------------------------------------------------------
 
@@ -380,19 +370,11 @@ class InteractionReport(BesideDecays, Written):
         """Rows of text: what couples the modes, with its values."""
         near = ratio(self.interaction.resonance)
         values, errors = self.fit.model.coefficients, self.fit.standard_errors
-        rows = [
-            [
-                "another mode",
-                near,
-                t.key,
-                f"{values[t.key]:.6g}",
-                f"{errors[t.key]:.2g}",
-                t.unit(self.nominal.unit),
-                "",
-            ]
-            for t in self.interaction.couplings
-        ]
-        return [list(TABLE_HEAD), *rows]
+        rows = [list(TABLE_HEAD)]
+        for t in self.interaction.couplings:
+            numbers = [f"{values[t.key]:.6g}", f"{errors[t.key]:.2g}", t.unit(self.nominal.unit)]
+            rows.append(["another mode", near, t.key, *numbers, ""])
+        return rows
 
     def _content(self) -> dict[str, Any]:
         found, resonance = self.interaction, self.interaction.resonance
@@ -422,8 +404,7 @@ class InteractionReport(BesideDecays, Written):
 
         found = self.interaction
         alone, together = ((f.records, f.residuals) for f in (found.alone, found.together))
-        pictures = pictures_of_two(self.gap, alone, together, footing(found))
-        return {p.name: p for p in pictures}
+        return {p.name: p for p in pictures_of_two(self.gap, alone, together, footing(found))}
 
     def page(self) -> dict[str, Any]:
         page = page_of(self, "The simulation and the other mode", self.records)
