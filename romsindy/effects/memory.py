@@ -143,11 +143,8 @@ class MicroSlip(SlidingEffect):
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        slips = (0.4 * a, 0.1 * a, 0.2 * a, 0.8 * a)
-        return (
-            Parameter("slip", slips, 0.01 * a, 2 * a, unit="q"),
-            Parameter("scatter", (0.0, 0.7, 2.0), 0.0, 4.0),
-        )
+        slip = Parameter("slip", (0.4 * a, 0.1 * a, 0.2 * a, 0.8 * a), 0.01 * a, 2 * a, unit="q")
+        return (slip, Parameter("scatter", (0.0, 0.7, 2.0), 0.0, 4.0))
 
 
 @dataclass(frozen=True)
@@ -189,10 +186,8 @@ class Backlash(SlidingEffect):
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        return (
-            Parameter("half", (0.2 * a, 0.05 * a, 0.5 * a), 0.01 * a, 0.95 * a, unit="q"),
-            Parameter("slip", (0.15 * a, 0.5 * a), 0.01 * a, 2 * a, unit="q"),
-        )
+        half = Parameter("half", (0.2 * a, 0.05 * a, 0.5 * a), 0.01 * a, 0.95 * a, unit="q")
+        return (half, Parameter("slip", (0.15 * a, 0.5 * a), 0.01 * a, 2 * a, unit="q"))
 
 
 class FadingEffect(MemoryEffect):

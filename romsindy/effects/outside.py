@@ -202,10 +202,8 @@ class SecondMode(ReadingEffect):
     advice = "a sensor at the node of the first mode"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (
-            _tone(scales, self.beside),
-            Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05),
-        )
+        damping = Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05)
+        return (_tone(scales, self.beside), damping)
 
     def readings(self, t: Array, q: Array) -> Array:
         envelope = np.exp(-self.damping_ratio * self.frequency * t)
@@ -324,9 +322,7 @@ class Drive(Effect):
     def forces(self, state: State) -> Array | None:
         """The input on the left side; None where nothing is measured of it, as in a decay."""
         samples = (state.inputs or {}).get(self.of.source)
-        if samples is None:
-            return None
-        return -self.of.sign * samples.at(state.t, self.term())[None]
+        return None if samples is None else -self.of.sign * samples.at(state.t, self.term())[None]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It does not depend on the motion."""
