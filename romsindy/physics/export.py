@@ -238,9 +238,8 @@ def python_script(pairs: Pairs, title: str, coordinates: Coordinates) -> str:
     if alone:
         made = {"q_ddot": exact(acceleration(pairs))}
     else:
-        made = dict(
-            zip(("inertia", "force"), map(exact, equations(pairs, coordinates)), strict=True)
-        )
+        both = map(exact, equations(pairs, coordinates))
+        made = dict(zip(("inertia", "force"), both, strict=True))
     kinds = (sympy.Function, sympy.Max, sympy.Min)
     functions = {f.func.__name__ for x in made.values() for f in x.atoms(*kinds)}
     imports = {"symbols", *functions, *(["Function"] if inputs else [])} - {*inputs}
@@ -412,9 +411,8 @@ def auto_function(pairs: Pairs, title: str, coordinates: Coordinates) -> str:
     inertia, force = (code(x[0], **written).replace("\n", "\n    ") for x in both)
     ends = {"ds": f"{step:.3g}", "most": f"{step:.3g}", "end": f"{linear + 10 * step:.4g}"}
     use = [line.format(**ends) for line in _AUTO_USE]
-    text = _AUTO.format(
-        inertia=inertia, force=force, start=f"{linear - 10 * step:.15e}".replace("e", "d")
-    )
+    start = f"{linear - 10 * step:.15e}".replace("e", "d")
+    text = _AUTO.format(inertia=inertia, force=force, start=start)
     return f"{comment('!', pairs, title, *use)}\n{text}"
 
 

@@ -256,9 +256,8 @@ class BoucWen(SlidingLaw):
     def _table(self) -> tuple[Array, Array]:
         """Values of z/slip, and the way over slip on which a rising q brings it there from 0."""
         # Towards 1 the way grows without end: equal steps of artanh.
-        x = np.concatenate(
-            [np.linspace(-1.0, 0.0, _TABLE)[:-1], np.tanh(np.linspace(0.0, 15.0, _TABLE))]
-        )
+        below, above = np.linspace(-1.0, 0.0, _TABLE), np.tanh(np.linspace(0.0, 15.0, _TABLE))
+        x = np.concatenate([below[:-1], above])
         middle = (x[1:] + x[:-1]) / 2
         rate = 1 - np.abs(middle) ** self.sharpness * np.where(middle > 0, 1.0, 1 - 2 * self.loss)
         way = np.concatenate([[0.0], np.cumsum(np.diff(x) / rate)])
