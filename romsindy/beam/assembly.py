@@ -139,9 +139,8 @@ class Assembly:
         return load
 
     def _mass_matrices(self) -> np.ndarray:
-        M = np.repeat(
-            element_mass(self._length, self.structure.section)[None], self.n_elements, axis=0
-        )
+        element = element_mass(self._length, self.structure.section)
+        M = np.repeat(element[None], self.n_elements, axis=0)
         for effect in self.structure.effects:
             if isinstance(effect, PointMass):
                 place = self.place(effect.at)

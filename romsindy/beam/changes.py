@@ -112,9 +112,8 @@ class HeavierMasses(_Change):
         """Return `beam` with other point masses."""
         factor = 1 + self.change
         for e in (e for e in beam.effects if isinstance(e, PointMass)):
-            beam = _exchanged(
-                beam, e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor
-            )
+            turned = e.rotary_inertia * factor
+            beam = _exchanged(beam, e, mass=e.mass * factor, rotary_inertia=turned)
         return beam
 
 

@@ -209,9 +209,8 @@ def _as_forces(force: Any) -> tuple[PointForce, ...]:
     several = isinstance(force, Sequence) and any(
         isinstance(f, PointForce) or callable(f) for f in force
     )
-    return tuple(
-        f if isinstance(f, PointForce) else PointForce(f) for f in (force if several else [force])
-    )
+    forces = force if several else [force]
+    return tuple(f if isinstance(f, PointForce) else PointForce(f) for f in forces)
 
 
 def _spline(name: str, times: ArrayLike, samples: ArrayLike) -> CubicSpline:

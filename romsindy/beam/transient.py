@@ -92,14 +92,8 @@ def simulate(
                     0.1 * step,
                 )
             state = stepper.state
-            recorder.add(
-                state.x,
-                state.v,
-                state.stages[-1],
-                stepper.energies,
-                stepper.dissipated,
-                stepper.work,
-            )
+            works = stepper.energies, stepper.dissipated, stepper.work
+            recorder.add(state.x, state.v, state.stages[-1], *works)
     except KeyboardInterrupt:
         return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
     return motion("completed")
