@@ -255,8 +255,7 @@ class _Job:
 def _symmetric(path: Path, n: int) -> csc_array:
     """A matrix from its upper triangle, "row column value" in each line."""
     rows, columns, values = np.loadtxt(path, ndmin=2).T
-    place = rows.astype(int) - 1, columns.astype(int) - 1
-    half = coo_array((values, place), (n, n)).tocsc()
+    half = coo_array((values, (rows.astype(int) - 1, columns.astype(int) - 1)), (n, n)).tocsc()
     return csc_array(half + half.T - diags_array(half.diagonal()))
 
 

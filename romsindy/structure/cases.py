@@ -171,9 +171,8 @@ class GivenCases:
         given = self.tangents.get(curve.mode.number)
         if given is None:
             return None
-        return Compliance(
-            curve.at, np.array([compliance(k, curve.mode.mass, shapes) for k in given])
-        )
+        yields = np.array([compliance(k, curve.mode.mass, shapes) for k in given])
+        return Compliance(curve.at, yields)
 
 
 @dataclass(frozen=True, eq=False)

@@ -313,8 +313,7 @@ def joined(several: Sequence[HeldCases]) -> HeldCases:
     """All cases, by their factors."""
     factors = np.concatenate([h.factors for h in several])
     order = np.argsort(factors)
-    shapes = np.concatenate([h.shapes for h in several])[order]
-    return HeldCases(factors[order], shapes)
+    return HeldCases(factors[order], np.concatenate([h.shapes for h in several])[order])
 
 
 def _between(curve: HeldCurve, intervals: int) -> Array:
@@ -449,6 +448,5 @@ def inertia_coefficients(curve: HeldShapes, order: int) -> dict[str, float]:
 def _fit(q: Array, values: Array, powers: range) -> Array:
     """Least-squares coefficients, (n_powers, n_columns), of the powers of q."""
     scale = np.abs(q).max()
-    columns = np.power.outer(q / scale, np.array(powers))
-    solution, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    solution, *_ = np.linalg.lstsq(np.power.outer(q / scale, np.array(powers)), values, rcond=None)
     return np.asarray(solution / scale ** np.array(powers)[:, None])

@@ -208,8 +208,7 @@ def linear_modes(name: str, known: Matrices, count: int) -> Basis:
     found = eigsh(stiffness, count, known.mass, sigma=-_SHIFT * scale, which="LM", v0=start)
     order = np.argsort(found[0])
     omega2 = np.where(found[0] > _RIGID * scale, found[0], 0.0)[order]
-    shapes = np.array([upright(x) for x in found[1].T[order]])
-    return Basis(known, np.sqrt(omega2), shapes)
+    return Basis(known, np.sqrt(omega2), np.array([upright(x) for x in found[1].T[order]]))
 
 
 def _least_eigenvalue(mass: csc_array) -> float:

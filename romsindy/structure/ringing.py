@@ -317,9 +317,8 @@ class _SideBySide:
     def _forces(self, t: float, gone: Array | float = 0.0) -> Array:
         """At points that gave so far beside what rings."""
         *_, moved, speed = self.here
-        return np.asarray(
-            self.push(t, self.length * (moved + gone), self.length * speed) / self.unit
-        )
+        force = self.push(t, self.length * (moved + gone), self.length * speed)
+        return np.asarray(force / self.unit)
 
     def _left(self, t: float) -> tuple[Array, Array]:
         """What is left of forces where their points give, by their slopes; forces if none did."""

@@ -46,9 +46,8 @@ class Damping(NamedTuple):
     def rayleigh(self, omega: float, beside: float = np.inf) -> tuple[float, float]:
         """Factors of mass (1/s) and stiffness (s): at these two frequencies the same rates."""
         ratio = 2 * self.damping_ratio
-        return self.alpha + ratio * omega / (1 + omega / beside), self.beta + ratio / (
-            omega + beside
-        )
+        alpha = self.alpha + ratio * omega / (1 + omega / beside)
+        return alpha, self.beta + ratio / (omega + beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +82,9 @@ class PartDecks(NamedTuple):
         if self.scale:
             at = np.sign(at) * np.log1p(np.abs(at) / self.scale)
         nodes, there = at[:-1], at[-1]
-        return np.array(
-            [
-                np.prod((there - np.delete(nodes, i)) / (x - np.delete(nodes, i)))
-                for i, x in enumerate(nodes)
-            ]
-        )
+        others = [np.delete(nodes, i) for i in range(len(nodes))]
+        pairs = zip(nodes, others, strict=True)
+        return np.array([np.prod((there - other) / (x - other)) for x, other in pairs])
 
 
 class RightAt(PartDecks):

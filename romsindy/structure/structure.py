@@ -149,8 +149,7 @@ class Structure(LinearModel):
             )
         deck = part.deck(own.deck, value)
         kept = own.store.beside(deck)
-        given = own.n_jobs, len(self.omega), own.progress
-        return self._of_deck(deck, own.program, kept, *given)
+        return self._of_deck(deck, own.program, kept, own.n_jobs, len(self.omega), own.progress)
 
     @classmethod
     def from_arrays(
@@ -411,9 +410,8 @@ class Structure(LinearModel):
         if held_by == "force":
             load = np.eye(1, len(self.nodes), rows[0])[0]
             rung = (self.shapes[:, rows[0]] / self.omega) ** 2
-            beside = float(
-                self.omega[np.argmax(np.where(np.arange(len(rung)) + 1 == mode, 0, rung))]
-            )
+            others = np.where(np.arange(len(rung)) + 1 == mode, 0, rung)
+            beside = float(self.omega[np.argmax(others)])
         rayleigh = (damping or Damping()).rayleigh(float(self.omega[mode - 1]), beside)
         load = self._holding(own, load, rows[0], release) * load
         return own.program.released(own.deck, own.known, load, rows, step, count, rayleigh, told)
@@ -457,8 +455,7 @@ class Structure(LinearModel):
             softer = softened(omega2, slight)
             assumed, scale, values = 0.0, unit * softer * SOFT[0], [softer * x for x in SOFT]
 
-        members = tuple((unit * v, member({name: v})) for v in values)
-        return PartDecks(assumed, members, scale, unit)
+        return PartDecks(assumed, tuple((unit * v, member({name: v})) for v in values), scale, unit)
 
 
 # -- arrays of any program -------------------------------------------------------------------------
