@@ -693,6 +693,20 @@ def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
     assert "input is band-limited" in str(fit)
 
 
+@pytest.mark.slow
+@benchmark_of("generator")
+def test_strong_dry_friction_that_stops_within_ten_cycles_is_named(benchmark, tmp_path):
+    """Where its force jumps, motions that may depart from it come to no end: the likeliest counts.
+
+    Rubbing was likelier than the last of them, which left eight times what the fit does.
+    """
+    trial = benchmark.trial_of("hidden", 76018, tmp_path)
+    *learned, held_out = trial.decays()
+    report = rs.diagnose(trial.model, learned, held_out=held_out)
+    assert report.verdict == "named" and report.best.names == ("dry_friction",)
+    assert report.gap.after < 1.1 < 50 < report.gap.before
+
+
 @pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("generator")

@@ -319,9 +319,10 @@ class Departures:
     ) -> Departures | None:
         """Start from the values and motions of a fit, and let them follow the records.
 
-        None where small disturbances of the motions grow without bound.
+        The likeliest on the way, where they come to no end, as where a force jumps. None where
+        small disturbances of the motions grow without bound.
         """
-        found = None
+        tried: list[Departures] = []
         for _ in range(_ROUNDS):
             pairs = enumerate(zip(records, motions, strict=True))
             try:
@@ -333,12 +334,12 @@ class Departures:
             system, step = marginal.solve(jump)
             own = marginal.departures(several, jump, step)
             left = tuple(w.left(step, s) for w, s in zip(several, own, strict=True))
-            found = cls(marginal, jump, left)
+            tried.append(cls(marginal, jump, left))
             parts, before = moved_parts(parts, step), motions
             motions = [w.moved(step, s) for w, s in zip(several, own, strict=True)]
             changes = zip(records, before, motions, strict=True)
             near = all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes)
             # The linear problem holds near its motion and values: elsewhere it is set up anew.
             if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
-                break
-        return found
+                return tried[-1]
+        return min(tried, key=lambda d: d.marginal.cost(d.jump), default=None)
