@@ -206,15 +206,9 @@ def diagnose(
     simulation: Any = None if simulator is not None else _equation_or_beam(model)
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
+    end = np.inf if budget is None else monotonic() + budget
     options = Options(
-        tuple(catalogue),
-        false_alarm,
-        max_effects,
-        floor,
-        n_jobs,
-        progress or _silent,
-        given,
-        np.inf if budget is None else monotonic() + budget,
+        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given, end
     )
     without = {"sensors": sensors, "release": release, "reference": reference}
     # Values of a simulator that are stated stand for what it is unsure of.
@@ -256,8 +250,7 @@ def diagnose(
         request = request.tolerating(of_repeats(again, floor))
     if isinstance(model, Estimate):
         if tolerance is None:
-            largest = _largest(simulation, request.measured)
-            request = request.tolerating(of_estimate(model, largest))
+            request = request.tolerating(of_estimate(model, _largest(simulation, request.measured)))
         references += model.decays if isinstance(model, Fit) else ()
     return _of_decays(simulation, request, references)
 

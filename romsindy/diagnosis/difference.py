@@ -190,9 +190,7 @@ class Difference:
             return _apart(record, simulated)
         cycles, rest = said
         pair = _paired(record, cycles, _beside(record, rest, exact))
-        if pair is None:
-            return _apart(record, simulated)
-        return _of_parts(pair)
+        return _apart(record, simulated) if pair is None else _of_parts(pair)
 
     @classmethod
     def between(cls, record: Record, other: Record) -> Difference:
@@ -420,16 +418,10 @@ def _apart(record: Record, simulated: Array) -> Difference:
     amplitude = np.hypot(record.motion.q, record.motion.q_dot / record.rate)
     noise = record.noise.std / peak
     nan = float("nan")
-    return Difference(
-        (float(amplitude.min()), float(amplitude.max())),
-        nan,
-        nan,
-        nan,
-        nan,
-        float(np.sqrt(max(power, 0.0))) / peak,
-        noise / np.sqrt(len(record.t) / 2),
-        noise,
-    )
+    reach = float(amplitude.min()), float(amplitude.max())
+    signal = float(np.sqrt(max(power, 0.0))) / peak
+    error = noise / np.sqrt(len(record.t) / 2)
+    return Difference(reach, nan, nan, nan, nan, signal, error, noise)
 
 
 def _peak(x: Array) -> float:

@@ -131,10 +131,8 @@ def of_the_measurement(
 def titles(hypothesis: Hypothesis) -> str:
     """Labels of what a hypothesis says is missing."""
     effects = [hypothesis.parts[i].effect for i in hypothesis.blamed]
-    return (
-        " and ".join(f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
-        or "nothing"
-    )
+    named = (f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
+    return " and ".join(named) or "nothing"
 
 
 def _effect(

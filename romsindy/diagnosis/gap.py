@@ -182,9 +182,8 @@ class Gap:
 
     def unchanged(self) -> Gap:
         """The same with nothing added."""
-        return replace(
-            self, predictions=tuple(replace(p, after=p.before) for p in self.predictions)
-        )
+        unchanged = tuple(replace(p, after=p.before) for p in self.predictions)
+        return replace(self, predictions=unchanged)
 
     @cached_property
     def changes(self) -> tuple[Difference, ...]:
@@ -475,8 +474,7 @@ class ResidualGap:
             "rms left, % of the response": (100 * self.before, 100 * self.after),
         }
         rows = [[name, *(f"{x:.3g}" for x in pair)] for name, pair in pairs.items()]
-        first = f"on {UNSEEN}" if self.where == UNSEEN else "fitted"
-        return [[first, "before", "after"], *rows]
+        return [[f"on {UNSEEN}" if self.where == UNSEEN else "fitted", "before", "after"], *rows]
 
 
 def _closed(before: float, after: float, noise: float) -> float:

@@ -383,14 +383,9 @@ def next_test(
     if len(rivals) < 2:
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
-    compared = _Comparison(
-        [Extrapolation.of(model, h, records, largest) for h in rivals],
-        np.array([h.score for h in rivals]),
-        weights(rivals),
-        records,
-        largest,
-        tolerance,
-    )
+    beyond = [Extrapolation.of(model, h, records, largest) for h in rivals]
+    scores = np.array([h.score for h in rivals])
+    compared = _Comparison(beyond, scores, weights(rivals), records, largest, tolerance)
     value, test = _best(tests, compared)
     if test is None:
         return None

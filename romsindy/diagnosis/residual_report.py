@@ -84,17 +84,12 @@ def _shown(
 ) -> Array:
     """What a hypothesis says of a record with inputs at another level, (n,)."""
     inputs = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.inputs.items()}
-    equation = equation_of(
-        driven_instead(model, hypothesis.parts),
-        hypothesis.parts,
-        number,
-        replace(record, inputs=inputs),
-    )
+    parts, driven = hypothesis.parts, replace(record, inputs=inputs)
+    equation = equation_of(driven_instead(model, parts), parts, number, driven)
     m = hypothesis.solution.motions[number]
     guess = Trajectory(m.grid, level * m.q, level * m.q_dot, level * m.q_ddot)
     motion = integrate(equation, level * m.start, m.grid, guess)
-    x = motion.samples(equation, record.derivative)
-    return record.read(hypothesis.parts, number, x).shown
+    return record.read(hypothesis.parts, number, motion.samples(equation, record.derivative)).shown
 
 
 def _band(x: Array, dt: float) -> tuple[float, float]:

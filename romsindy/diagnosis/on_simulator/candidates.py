@@ -184,9 +184,8 @@ class PlaceSearch(Points):
         """The place, with the box of points that may be."""
         names, places = [*self.points], self.places
         extent = np.ptp(places, axis=0)
-        inside = np.flatnonzero(
-            _distance(places, np.array([self.points[n] for n in likely])) <= reach
-        )
+        known = np.array([self.points[n] for n in likely])
+        inside = np.flatnonzero(_distance(places, known) <= reach)
         box = places[inside]
         along = box[:, int(np.argmax(np.ptp(box, axis=0)))]
         ends = names[inside[np.argmin(along)]], names[inside[np.argmax(along)]]

@@ -165,9 +165,8 @@ class SimulatorRounds(Rounds):
         left = max(self.own_error(outcome.corrected), 1.0) ** 2 if asked else 1.0
         variances = {key: x * left for key, x in self.variances.items()}
         sole = asked and self.decided
-        best = replace(
-            report.best, weighed=InSimulator(report.best.weighed, more, variances, asked, sole)
-        )
+        weighed = InSimulator(report.best.weighed, more, variances, asked, sole)
+        best = replace(report.best, weighed=weighed)
         rivals = tuple(best if h is report.best else h for h in report.rivals)
         sure = sole and len(rivals) == 1 and best.sureness >= NAMED_ABOVE
         verdict = "named" if sure and report.verdict == "ambiguous" else report.verdict
@@ -517,8 +516,7 @@ class SimulatorRounds(Rounds):
             record = own.until(float(read.t[-1]) + own.decay.dt)
             equation = equation_of(self.model, parts, i, record)
             start = there.start(self.model, parts, self.smooth[i])
-            motion = AskedMotion(equation, parts, record, start, self.releases[i])
-            questions.append((there, motion))
+            questions.append((there, AskedMotion(equation, parts, record, start, self.releases[i])))
         rows = zip(moved_together(questions), asked, questions, strict=True)
         return [
             m if isinstance(m, Failure) else m.readings[q.record.derivative][: len(read.t)]
@@ -555,8 +553,7 @@ class SimulatorRounds(Rounds):
 
     @property
     def _fit(self) -> SensorFit:
-        given = self.model, self.records, self.measured, self.n_training
-        return SensorFit(self.structure, *given)
+        return SensorFit(self.structure, self.model, self.records, self.measured, self.n_training)
 
     @cached_property
     def measured(self) -> list[Readings]:
