@@ -707,16 +707,21 @@ def test_strong_dry_friction_that_stops_within_ten_cycles_is_named(benchmark, tm
     assert report.gap.after < 1.1 < 50 < report.gap.before
 
 
+# A tuned mass follows what was learned, but not the stretches held out. Friction closes 99 % of a
+# gap, and leaves more than noise without the other.
 @pytest.mark.study
 @pytest.mark.slow
 @benchmark_of("generator")
-def test_what_was_held_out_refutes_is_looked_beyond(benchmark, tmp_path):
-    """A tuned mass follows what was learned, but not the stretches held out: two forces do."""
-    trial = benchmark.trial_of("two", 75001, tmp_path)
-    (decay,) = trial.decays()
-    report = rs.diagnose(trial.model, decay)
-    assert ("cubic_stiffness", "cubic_damping") in report.equivalent
-    assert report.gap.after < 1.1
+@pytest.mark.parametrize(
+    ("seed", "pair"),
+    [(75001, ("cubic_stiffness", "cubic_damping")), (76010, ("dry_friction", "cubic_stiffness"))],
+)
+def test_two_forces_are_told_by_what_was_held_out(benchmark, tmp_path, seed, pair):
+    trial = benchmark.trial_of("two", seed, tmp_path)
+    decays = trial.decays()
+    held_out = decays.pop() if trial.held_out else None
+    report = rs.diagnose(trial.model, decays, held_out=held_out)
+    assert pair in report.equivalent and report.gap.after < 1.1
 
 
 @benchmark_of("clamped_beam")

@@ -124,6 +124,7 @@ class Validation:
             gain, chance = misfit - np.sum(left**2), GAINED * best.excess * scale
             matters = max(MATERIAL**2 * whole, MATERIAL * self._count)
             little = gain < matters and misfit < PREDICTED**2 * self._count
+            little &= self._explains(fewer[i]) or not self._explains(best)
             if gain > chance and not (fewer[i].effects and little):
                 break
             if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
@@ -145,6 +146,10 @@ class Validation:
             best = self._tested(fewer[i], self._foretold(fewer[i]), least)
             left = without[i]
         return self._with(found, best), False
+
+    def _explains(self, hypothesis: Hypothesis) -> bool:
+        """Whether a hypothesis leaves noise of what was learned."""
+        return self.search.remainder(hypothesis).explained
 
     def _with(self, found: Finding, best: Hypothesis) -> Finding:
         return found if best is found.rivals[0] else self.search.finding(best, found)
