@@ -178,7 +178,7 @@ def _without_refuted(
     other = replace(search, options=replace(search.options, catalogue=left), compared=[])
     again = other.run()
     if again.interrupted:
-        return tested
+        return replace(tested[0], interrupted=True), tested[1]
     return min(tested, _validated(other, exact, again, records), key=misfit)
 
 

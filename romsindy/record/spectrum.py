@@ -332,9 +332,10 @@ class Wave(NamedTuple):
 def steady_wave(x: Array, dt: float, cycles: float = 20.0, louder: float = 10.0) -> Wave | None:
     """What goes on as a decay has faded, such as a hum; None where there is no such vibration.
 
-    It is most of the end of the signal, more than so many ``cycles``, and the same in all quarters
-    of that: what decays to a tenth over the record, or is moved by a force that is noise, changes
-    there. The signal is ``louder`` by so many times at least.
+    It has a third of the power of the end of the signal, more than so many ``cycles``, and is the
+    same in all quarters of that, but for white noise: what decays to a tenth over the record, or is
+    moved by a force that is noise, changes there. The signal is ``louder`` by so many times at
+    least.
     """
     t = dt * np.arange(len(x))
     for part in _ENDS:
