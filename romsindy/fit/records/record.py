@@ -265,7 +265,7 @@ def _steps_per_cycle(noise_share: float) -> int:
 
 
 def _until_another(decay: Decay) -> Decay:
-    """Without an end in which something else goes on, such as a hum.
+    """Without an end, longer than the vibration, in which something else goes on, such as a hum.
 
     Its cycles would be taken for those of the vibration.
     """
@@ -279,7 +279,7 @@ def _until_another(decay: Decay) -> Decay:
     noise = noise_std(decay.signal) * (1 + _CHANCE / np.sqrt(2 * cycle))  # rms of so few samples
     heard = np.hypot(_DROWNED * abs(wave.size), noise)
     last = int(np.flatnonzero(np.append(True, envelope[1:] > heard))[-1])
-    return decay.between(decay.t[0], decay.t[last])
+    return decay if 2 * last > len(centred) else decay.between(decay.t[0], decay.t[last])
 
 
 def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
