@@ -696,7 +696,7 @@ def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
 @pytest.mark.slow
 @benchmark_of("generator")
 def test_strong_dry_friction_that_stops_within_ten_cycles_is_named(benchmark, tmp_path):
-    """Where its force jumps, motions that may depart from it come to no end: the likeliest counts.
+    """Where its force jumps, motions that may depart from it go astray: the likeliest counts.
 
     Rubbing was likelier than the last of them, which left eight times what the fit does.
     """

@@ -50,6 +50,7 @@ SIGMAS, TAILS = 1.96, (0.025, 0.975)  # of a 95 % band
 # Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
+_ASTRAY = 2.0  # times the misfit of the best of them
 _ROUNDING = 1e-13  # of products, by which they must not become negative
 _LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to more than is linear about a motion.
@@ -319,8 +320,8 @@ class Departures:
     ) -> Departures | None:
         """Start from the values and motions of a fit, and let them follow the records.
 
-        The likeliest on the way, where they come to no end, as where a force jumps. None where
-        small disturbances of the motions grow without bound.
+        The likeliest on the way where they go astray, as where a force jumps. None where small
+        disturbances of the motions grow without bound.
         """
         tried: list[Departures] = []
         for _ in range(_ROUNDS):
@@ -342,4 +343,6 @@ class Departures:
             # The linear problem holds near its motion and values: elsewhere it is set up anew.
             if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
                 return tried[-1]
-        return min(tried, key=lambda d: d.marginal.cost(d.jump), default=None)
+        costs = [d.marginal.cost(d.jump) for d in tried]
+        astray = bool(costs) and costs[-1] > _ASTRAY * min(costs)
+        return tried[int(np.argmin(costs))] if astray else next(reversed(tried), None)
