@@ -16,7 +16,6 @@ from romsindy.effects import Bias
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.gauss_newton import fit, linear_table
-from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part, read
 from romsindy.fit.kernel.prepared import Prepared, part_of
 from romsindy.fit.kernel.shooting import shoot
@@ -409,7 +408,7 @@ def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Traje
         if error.motion is None:
             return np.zeros_like(record.signal)
         motion = error.motion
-    x = sampled(motion, record.derivative)
+    x = equation.sampled(motion, record.derivative)
     # A motion that cannot be followed further stays where it is.
     held = x[-1:] if record.derivative == 0 else np.zeros((1, 1))
     x = np.concatenate([x, np.repeat(held, len(record.t) - len(x), axis=0)])

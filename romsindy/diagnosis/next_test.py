@@ -24,7 +24,7 @@ from romsindy.diagnosis.found import titles
 from romsindy.diagnosis.gap import LoudAndQuiet
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.collocation import Grid, Trajectory, TrajectoryError, integrate
-from romsindy.fit.kernel.equation import ExtendedEquation
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.linear_response import sampled
 from romsindy.fit.kernel.part import Part, columns_of, limits, moved_parts, read
@@ -244,7 +244,7 @@ class Extrapolation:
             if error.motion is None:
                 return None
             motion = error.motion
-        x = sampled(motion, largest.derivative)
+        x = equation.sampled(motion, largest.derivative)
         t = t[: len(x)]
         signal = read(self.weaker, 0, t, x)[0]
         swing = np.abs(signal - np.median(signal))
@@ -302,8 +302,10 @@ class Extrapolation:
         )
         motions = [*so_far.motions, *[record.motion] * n]
         solution = fit(self.model, parts, [*records, *[record] * n], motions)
-        last, x = len(records) + n - 1, sampled(solution.motions[-1], record.derivative)
-        shown = read(solution.parts, last, record.t, x)[0]
+        last, found = len(records) + n - 1, solution.parts
+        equation = equation_of(self.model, found, last, record)
+        x = equation.sampled(solution.motions[-1], record.derivative)
+        shown = read(found, last, record.t, x)[0]
         return (solution.chi_squared - so_far.chi_squared) / self._excess(test), shown
 
     def _excess(self, test: Experiment) -> float:

@@ -35,7 +35,7 @@ from romsindy.fit.adequacy.verdicts import Adequacy
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
-from romsindy.fit.kernel.linear_response import nodes, respond, sampled
+from romsindy.fit.kernel.linear_response import nodes, respond
 from romsindy.fit.kernel.part import Coefficient, Part, Solution, columns_of, in_place, read
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.fit.records.record import Record, scales
@@ -266,7 +266,7 @@ def _rows(
         equation, motion, np.concatenate([own, *(f for f in forces if f is not None)])
     )
     m, change = len(own), record.in_orders(parts, response.samples)
-    measured = record.in_orders(parts, partial(sampled, motion))
+    measured = record.in_orders(parts, partial(equation.sampled, motion))
     reading = record.read(parts, i, measured + change[..., 0])
     columns = reading.by_motion(change[..., 1:])
     states = columns[:, -2 * model.n_coordinates :]
@@ -298,9 +298,10 @@ def _with_tones(
     record, motion, own = records[0], motions[0], scales(records)
     rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
     rest = rests[0][1]
-    response = respond(equation_of(model, parts, 0, record), motion)
-    change = response.samples(record.derivative)[:, 0]
-    left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]
+    equation = equation_of(model, parts, 0, record)
+    change = respond(equation, motion).samples(record.derivative)[:, 0]
+    shown = read(parts, 0, record.t, equation.sampled(motion, record.derivative))[0]
+    left = record.signal - shown
     basis = change[:, 1:]
     left = left - change[:, 0]
     left = left - basis @ np.linalg.lstsq(basis, left, rcond=1e-10)[0]

@@ -228,21 +228,26 @@ class TermEffect(Effect):
         law = self.term()
         return law.law if isinstance(law, Along) else law
 
+    @property
+    def jumping(self) -> FrictionLaw | None:
+        """Its law, where that is friction that jumps."""
+        law = self._own_law
+        return law if isinstance(law, FrictionLaw) and not law.smooth else None
+
     def forces(self, state: State) -> Array:
         """The law in its strong form; a jump is averaged over the step in time."""
-        law = self._own_law
-        if isinstance(law, FrictionLaw) and not law.smooth:
-            value = _averaged(law, state).force
+        if (friction := self.jumping) is not None:
+            value = _averaged(friction, state).force
         else:
-            value = law.strong(state.q, state.q_dot, state.q_ddot)
+            value = self._own_law.strong(state.q, state.q_dot, state.q_ddot)
         return np.atleast_2d(np.broadcast_to(value, state.q.shape))
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the law."""
         law, s = self._own_law, strengths[0]
         q, q_dot, q_ddot = state[1:4]
-        if isinstance(law, FrictionLaw) and not law.smooth:
-            _, by_q, by_q_dot, by_change = _averaged(law, state)
+        if (friction := self.jumping) is not None:
+            _, by_q, by_q_dot, by_change = _averaged(friction, state)
             # What is about to be held would have no mass left; half of it is enough to go on.
             return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (

@@ -36,7 +36,7 @@ from scipy.stats import t
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError
 from romsindy.fit.kernel.equation import equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
-from romsindy.fit.kernel.linear_response import Response, respond, sampled
+from romsindy.fit.kernel.linear_response import Response, respond
 from romsindy.fit.kernel.part import Part, columns_of, held_values, limits, moved_parts
 from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT
@@ -143,7 +143,7 @@ class Windows:
         if not distance < _LOST or not np.linalg.cond(in_rates).max() < _LOST:
             raise TrajectoryError("small disturbances of the motion grow without bound")
         change = response.samples(record.derivative)
-        x = sampled(m, record.derivative) + change[..., 0]
+        x = equation.sampled(m, record.derivative) + change[..., 0]
         rows = record.table(parts, i, x, change[..., 1:])
         # A departure turns the state, and stretches it.
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate

@@ -11,13 +11,18 @@ from scipy.linalg import block_diag
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State, TermEffect
 from romsindy.effects.memory import FadingEffect, MemoryEffect
-from romsindy.fit.kernel.linear_steps import Carried, Linearisation
+from romsindy.fit.kernel.collocation import Trajectory
+from romsindy.fit.kernel.linear_response import inside, nodes, sampled
+from romsindy.fit.kernel.linear_steps import Carried, Linearisation, inverse
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, extended
 from romsindy.fit.kernel.prepared import Prepared
 from romsindy.physics.coupling import Along, CoupledTerm
 from romsindy.physics.equations import Equations
 from romsindy.physics.memory import Memory
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
+
+_ACCELERATION = 2
+_JUMPED = 1e-9  # of a friction: by so much its mean over a step differs where it jumps
 
 
 def equation_of(
@@ -83,6 +88,50 @@ class ExtendedEquation:
         alone = self.held_from and np.count_nonzero(along) == 1
         held = t >= self.held_from[place] if alone else None
         return State(t, own[0], own[1], own[2], self.step, *beside, held)
+
+    @cached_property
+    def jumping(self) -> tuple[Part, ...]:
+        """Friction that jumps: where it creeps it does not."""
+        return tuple(
+            part
+            for part in (() if self.creep else self._beside.values())
+            if isinstance(part.effect, TermEffect)
+            and part.effect.jumping is not None
+            and np.any(part.own(self.record))
+        )
+
+    def sampled(self, motion: Trajectory, derivative: int = 0) -> Array:
+        """The motion at the wanted times, (n, R): accelerations jump where friction turns round.
+
+        Steps in time average such a force.
+        """
+        x = sampled(motion, derivative)
+        for part in self.jumping if derivative == _ACCELERATION else ():
+            where, averaged = self._averaged_away(part, motion)
+            x[where] += averaged
+        return x
+
+    def _averaged_away(self, friction: Part, motion: Trajectory) -> tuple[Indices, Array]:
+        """Samples of steps in which a friction jumps, and what these miss of q_ddot, (k, R)."""
+        smooth = [p for p in self.parts if isinstance(p.effect, TermEffect)]
+        sharp = replace(self, step=0.0, parts=tuple(smooth), memories=())
+        grid, at = motion.grid, nodes(motion)
+        mean, there = self._pulled(friction, *at), sharp._pulled(friction, *at)
+        jumped = np.abs(mean - there).max(axis=1) > _JUMPED * np.abs(there).max()
+        where = np.flatnonzero(np.any(jumped.reshape(-1, 3), axis=1)[grid.sample_step])
+        still = np.zeros_like(motion.q)
+        shown = inside(grid, still, still, mean.reshape(motion.q_ddot.shape), _ACCELERATION)
+        t = grid.start + grid.step * (grid.sample_step + grid.fraction)
+        states = t[where], *(sampled(motion, order)[where] for order in range(3))
+        missed = shown[where] - sharp._pulled(friction, *states)
+        mass = sharp.linearise(*states).by_q_ddot
+        return where, (inverse(mass)[0] @ missed[..., None])[..., 0]
+
+    def _pulled(self, part: Part, *motion: Array) -> Array:
+        """The force of a part that is no sensor, (n, R)."""
+        forces = self.forces(part.effect, *motion)
+        assert forces is not None
+        return np.tensordot(part.own(self.record), forces, 1)
 
     def forces(self, effect: Effect, *motion: Array) -> Array | None:
         """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.hypothesis import NormalEquations
-from romsindy.fit.kernel.linear_response import Response, respond_together, sampled
+from romsindy.fit.kernel.linear_response import Response, respond_together
 from romsindy.fit.kernel.part import (
     Part,
     Solution,
@@ -126,7 +126,7 @@ def fit(
     if back and kept is not None and steps > 1:
         parts, motions = kept.parts, [r.motion for r in kept.responses]
     residuals = tuple(
-        r.missed(parts, i, partial(sampled, m))
+        r.missed(parts, i, partial(equation_of(model, parts, i, r).sampled, m))
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
     pairs = list(zip(records, residuals, strict=True))
@@ -251,7 +251,8 @@ def linear_tables(
         for k, response in zip(some, responses, strict=True):
             i, record = numbers[k], records[k]
             change = record.in_orders(parts, response.samples)
-            x = record.in_orders(parts, partial(sampled, motions[k])) + change[..., 0]
+            now = record.in_orders(parts, partial(equations[k].sampled, motions[k]))
+            x = now + change[..., 0]
             yield response, record.table(parts, i, x, change[..., 1:])
 
 

@@ -42,7 +42,7 @@ def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
 
 def sampled(motion: Trajectory, derivative: int = 0) -> Array:
     """q, q_dot or q_ddot at the wanted times, (n, R), from the parabola of each step's q_ddot."""
-    return _inside(motion.grid, motion.q, motion.q_dot, motion.q_ddot, derivative)
+    return inside(motion.grid, motion.q, motion.q_dot, motion.q_ddot, derivative)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Response:
 
     def samples(self, derivative: int = 0) -> Array:
         """Changes at the wanted times, (n, R, m)."""
-        return _inside(self.motion.grid, self.q, self.q_dot, self.q_ddot, derivative)
+        return inside(self.motion.grid, self.q, self.q_dot, self.q_ddot, derivative)
 
     def moved(self, weights: Array) -> Trajectory:
         """The motion plus the columns times their weights, (m,)."""
@@ -179,7 +179,7 @@ def states_shown(grid: Grid, system: LinearSteps, derivative: int = 0) -> tuple[
     q, q_dot = np.split(np.tile(np.eye(2 * wide), (grid.n_steps + 1, 1, 1)), 2, axis=1)
     q_ddot = system.by_start.reshape(-1, 3, wide, 2 * wide)
     at_end = (grid.fraction > 1 - 1e-9) & (derivative == 0)
-    return (grid.sample_step + at_end).astype(int), _inside(grid, q, q_dot, q_ddot, derivative)
+    return (grid.sample_step + at_end).astype(int), inside(grid, q, q_dot, q_ddot, derivative)
 
 
 def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: Array) -> Array:
@@ -205,7 +205,8 @@ def _columns(motion: Trajectory, force: Array) -> tuple[Array, Array]:
     return wide, start.reshape(2, r, -1)
 
 
-def _inside(grid: Grid, q: Array, q_dot: Array, q_ddot: Array, derivative: int) -> Array:
+def inside(grid: Grid, q: Array, q_dot: Array, q_ddot: Array, derivative: int) -> Array:
+    """A derivative of q at the wanted times, (n, ...), from the parabola of each step's q_ddot."""
     h = grid.step
     fractions, kind = grid.places
     weights = quadrature(fractions, derivative)

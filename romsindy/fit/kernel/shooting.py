@@ -26,11 +26,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError, integrate
-from romsindy.fit.kernel.equation import equation_of
+from romsindy.fit.kernel.equation import ExtendedEquation, equation_of
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.hypothesis import NormalEquations
 from romsindy.fit.kernel.linear_response import nodes, sensitivity
-from romsindy.fit.kernel.linear_steps import Equation
 from romsindy.fit.kernel.part import (
     Part,
     Solution,
@@ -71,7 +70,7 @@ class _Problem:
         self.start = np.concatenate([*start, *(m.start for m in self.motions)])
         self._simulated: Array | None = None  # values of the last motions
 
-    def at(self, values: Array) -> tuple[tuple[Part, ...], list[Equation]]:
+    def at(self, values: Array) -> tuple[tuple[Part, ...], list[ExtendedEquation]]:
         """Parts and equations with other values."""
         parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
         return parts, [equation_of(self.model, parts, i, r) for i, r in enumerate(self.records)]
@@ -91,7 +90,7 @@ class _Problem:
         """Measured minus simulated, (n,) of each record."""
         parts, equations = self.at(values)
         motions = zip(self.records, equations, self.simulate(values), strict=True)
-        return [r.missed(parts, i, partial(m.samples, e)) for i, (r, e, m) in enumerate(motions)]
+        return [r.missed(parts, i, partial(_shown, e, m)) for i, (r, e, m) in enumerate(motions)]
 
     def misfit(self, values: Array) -> Array:
         """Whitened residuals, and what was known beforehand."""
@@ -121,7 +120,7 @@ class _Problem:
                 slopes = record.in_orders(parts, partial(sensitivity, equation, motion))
             if not np.all(np.abs(slopes) < GROWN):  # nan is not
                 raise TrajectoryError("small disturbances of the motion grow without bound", motion)
-            x = record.in_orders(parts, partial(motion.samples, equation))
+            x = record.in_orders(parts, partial(_shown, equation, motion))
             n = len(motion.start)
             states = self.n_values + n * i + np.arange(n)
             where = np.concatenate([columns_of(parts, i), states])
@@ -163,6 +162,12 @@ def resimulated(model: Equations, solution: Solution, records: Sequence[Prepared
     return replace(
         solution, motions=tuple(motions), residuals=tuple(left), chi_squared=total, converged=True
     )
+
+
+def _shown(equation: ExtendedEquation, motion: Trajectory, derivative: int) -> Array:
+    if derivative == 2 and equation.jumping:
+        return equation.sampled(motion, derivative)
+    return motion.samples(equation, derivative)
 
 
 def simulated_misfit(
