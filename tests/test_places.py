@@ -150,3 +150,12 @@ def test_what_is_compared_is_at_its_likeliest_place():
     best = min(PLATE, key=_Table.left)
     assert found.part == best == found.there.at_point
     assert found.gain == 2.0 - _Table.left(best) and _Table.asked < 12
+
+
+def test_where_nobody_can_choose_a_place_none_is_looked_for():
+    """A simulator that takes a force at one point of its own, and names none."""
+    here = SimpleNamespace(acts=lambda parts: True)
+    search = _Table(SimpleNamespace(here=here), None, SimpleNamespace(misfit=2.0))
+    (first, *_) = PLATE
+    alone = [Candidate(None, SimpleNamespace(at_point=first), 0.0)]
+    assert search._settled(alone, Points({}, "")).part == first

@@ -91,7 +91,12 @@ class Points:
         return np.array([*self.points.values()])
 
     def apart(self) -> tuple[list[str], float]:
-        """Points far from each other, the own one among them; how far the rest is from them."""
+        """Points far from each other, the own one among them; how far the rest is from them.
+
+        Where it acts nobody can choose if there are no points.
+        """
+        if not self.points:
+            return [], 0.0
         return self.spread({self.own}, np.inf, _LEVELS[0][1])
 
     def nearest(self, point: str) -> list[str]:
@@ -148,7 +153,7 @@ class PlaceSearch(Points):
     @cached_property
     def first(self) -> float:
         """The least misfit on the first cycles of points that are far from each other."""
-        far = self.apart()[0] if self.points else [self.own]
+        far = self.apart()[0] or [self.own]
         return min(self.left(far, _LEVELS[0][0]).values())
 
     def likeliest(self, most: float = np.inf) -> tuple[float, PlaceOnStructure | None]:
