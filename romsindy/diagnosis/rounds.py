@@ -190,7 +190,7 @@ class Rounds:
         The likeliest that it can have, by the last look that compared such, is told
         beside it. What the measurement adds needs no check.
         """
-        own = [p for p in report.best.effects if p.effect.family not in ("measurement", "outside")]
+        own = [p for p in report.best.effects if p.effect.structural]
         if self.can_have(own):
             return report
         compared = (h for r in reversed(self.looked) for h in r.compared if h.effects)

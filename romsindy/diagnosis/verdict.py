@@ -154,10 +154,10 @@ class Rule:
         plain = min(enough, key=_plainest, default=likeliest)
         sure = bool(enough and plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
         moved = sure and self._matters(plain)
-        # Beside values that moved and are enough, several effects are no headline.
-        plainer = effect is not None and not (
-            moved and len(plain.hypothesis.said) < len(effect.hypothesis.effects)
-        )
+        # Beside values that moved and are enough, several effects of a structure are no headline.
+        several = [] if effect is None else effect.hypothesis.effects
+        said = sum(p.effect.structural for p in several)
+        plainer = effect is not None and not (moved and len(plain.hypothesis.said) < said)
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             if self.exact or not small:

@@ -196,7 +196,7 @@ def _that_matter(
         fewer = [
             h
             for h, part in zip(search.without_one(best, found.compared), best.effects, strict=True)
-            if h.solution.finite and part.effect.family not in ("measurement", "outside")
+            if h.solution.finite and part.effect.structural
         ]
         most = EXPLAINED * whole.left.ratio if whole.leaves_noise else np.inf
         alike = [

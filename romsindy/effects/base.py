@@ -137,6 +137,11 @@ class Effect(ABC):
         """What tells apart effects of the same name, such as the side of a stop."""
         return side_name(self.side) if hasattr(self, "side") else ""
 
+    @property
+    def structural(self) -> bool:
+        """Neither in the measurement nor from outside."""
+        return self.family not in ("measurement", "outside")
+
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         """Fields that a fit may change."""
         return ()
