@@ -25,7 +25,7 @@ from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.decay_search import ProcessNoise
 from romsindy.diagnosis.evidence import FormError
 from romsindy.diagnosis.pictures import MissingForce, record_errors
-from romsindy.diagnosis.search import screen
+from romsindy.diagnosis.search import _with_tones, screen
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag, DryFriction, LinearFrequency, Viscous
 from romsindy.effects.memory import Viscoelastic
@@ -38,7 +38,8 @@ from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 
-OMEGA = 2 * np.pi * 5
+TURN = 2 * np.pi
+OMEGA = TURN * 5
 NOMINAL = {
     "omega^2": OMEGA**2,
     "gamma_2": 0.05 * OMEGA**2,
@@ -947,6 +948,22 @@ def test_remedy_for_a_unit_works(unit, remedy):
     record = decay(1.0)
     with pytest.raises(ValueError, match=f"decay 0 is in m, {remedy}"):
         diagnose(model, rs.Decay(record.t, record.q, unit="m"))
+
+
+@pytest.mark.parametrize("hertz", np.arange(24.6, 25.9, 0.18))
+def test_hum_beside_a_harmonic_is_looked_for_where_it_is(hertz):
+    """The fifth is at 25.3 Hz: the smooth part of the record takes hum with it, but for a flank.
+
+    From half a line of a spectrum away a fit still finds its frequency.
+    """
+    hum = decay(
+        1.0, seed=2, duration=LONG, reading=lambda t, q: q + 0.02 * np.sin(TURN * hertz * t)
+    )
+    record = Record.loud(hum, 1e-5)
+    known = scales([record])
+    linear = fit(MODEL, [Part.of(e, known, 1) for e in (LinearFrequency(), Viscous())], [record])
+    tones = _with_tones(MODEL, linear.parts, [record], [record.motion], ()).tones
+    assert np.abs(np.array(tones) / TURN - hertz).min() < 0.5 / LONG
 
 
 @pytest.mark.slow

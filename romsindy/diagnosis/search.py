@@ -305,13 +305,15 @@ def _with_tones(
     basis = change[:, 1:]
     left = left - change[:, 0]
     left = left - basis @ np.linalg.lstsq(basis, left, rcond=1e-10)[0]
-    apart = 0.15 * own.omega
+    # The spline takes hum beside a harmonic with it, and leaves a flank of that line in the rest:
+    # half a line away another is not the same.
+    apart, half = 0.15 * own.omega, np.pi / float(record.t[-1])
     steady, fading = np.hanning(len(rest)), np.hanning(len(rest) // 2)[len(rest) // 4 :]
     tones: list[float] = []
     for x, window in ((rest, steady), (rest, fading), (left, steady), (left, fading)):
         for tone in strongest_tones(record.t, x[: len(window)] * window, 2, apart):
             beats = abs(tone / own.omega - 1) < _BEATS
-            if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
+            if not beats and all(abs(tone - other) > half for other in tones):
                 tones.append(tone)
     lines = [
         line
