@@ -22,9 +22,9 @@ T = np.arange(0, 16, 1 / RATE)
 OMEGA = 2 * np.pi * F0
 
 
-def _rates(t, y):
+def _rates(t, y, damping=0.3):
     # Asymmetric: the mean of the motion follows its amplitude, as a drift might.
-    return [y[1], -(OMEGA**2) * y[0] * (1 + 0.1 * y[0] + 0.2 * y[0] ** 2) - 0.3 * y[1]]
+    return [y[1], -(OMEGA**2) * y[0] * (1 + 0.1 * y[0] + 0.2 * y[0] ** 2) - damping * y[1]]
 
 
 CLEAN = solve_ivp(_rates, (0, T[-1]), [1.0, 0.0], t_eval=T, rtol=1e-9, atol=1e-10).y[0]
@@ -121,6 +121,25 @@ def test_what_lies_beyond_a_filter_decides_nothing():
 def test_a_mean_that_follows_the_amplitude_is_no_drift(kind):
     for seed in range(3):
         assert recorded(STD * kind(np.random.default_rng(seed))).noise.drift is None
+
+
+@pytest.mark.parametrize("cycles", [12, 15])
+def test_a_drift_is_known_in_a_dozen_cycles(cycles):
+    """An offset that walks, beside a mean that follows the amplitude.
+
+    Unknown, it leaves up to three times the noise. Without it none is found.
+    """
+    t = T[: round(cycles * RATE / F0)]
+    options = {"t_eval": t, "args": (2.0,), "rtol": 1e-9, "atol": 1e-10}
+    clean = solve_ivp(_rates, (0, t[-1]), [1.0, 0.0], **options).y[0]
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        steps, steady = np.cumsum(rng.standard_normal(len(t))), STD * white(rng)[: len(t)]
+        walked = 3 * STD * (steps - steps.mean()) / np.std(steps) + steady
+        drifting, still = (Record.of(rs.Decay(t, clean + x), 1e-6) for x in (walked, steady))
+        left = drifting.whitened(walked)
+        assert 0.85 < np.sqrt(left @ left / drifting.count) < EXPLAINED
+        assert still.noise.drift is None
 
 
 def test_an_offset_that_stays_is_seen_in_full():

@@ -23,7 +23,7 @@ from romsindy.record.spectrum import TOGETHER, Line, Spectrum, lines_between, st
 from romsindy.typing import Array, Indices
 
 _MEAN = (2, 4, 6, 8)  # powers of the amplitude
-_LEAST = 15  # cosines that tell a drift from such a mean
+_LEAST = 9  # cosines that tell a drift from such a mean
 _SLOW, _LINES = 0.4, 0.2  # fundamentals: what is slow, and up to where slow lines are drift
 _POWERS = (0.0, 1.0, 2.0, 3.0, 4.0)
 _SIZES = np.geomspace(1e-2, 1e10, 61)  # of the slowest cosine, over the noise
