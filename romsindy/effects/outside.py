@@ -232,6 +232,7 @@ class Gain(ReadingEffect):
     """A wrong calibration."""
 
     name = "gain"
+    tolerance = 0.1  # a calibration is seldom further off
     resembles = ("added_mass", "magnet")
     formula = "q"
     label = "a wrong gain of the sensor"
