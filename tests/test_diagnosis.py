@@ -138,6 +138,36 @@ def test_a_hidden_effect_is_named_with_its_value(name):
 
 
 @pytest.mark.slow
+def test_a_gain_far_off_is_less_likely_than_another_stiffness():
+    """Both do the same of a cubic spring: half as much again, or a sensor 22 % off.
+
+    Calibrations are seldom more than a tenth off.
+    """
+    duffing = {"omega^2": OMEGA**2, "gamma_3": 0.2 * OMEGA**2, "c_linear": 0.01 * OMEGA}
+    changed = {"gamma_2": 0.0, "Upsilon_3": 0.0, "gamma_3": 1.5 * duffing["gamma_3"]}
+    decays = [decay(a, seed=i, changed=changed) for i, a in enumerate((1.0, 0.6))]
+    result = diagnose(rs.ReducedModel.from_coefficients(duffing), decays)
+    assert result.verdict == "named" and result.equivalent == (("cubic_stiffness",),)
+
+
+@pytest.mark.slow
+def test_a_coefficient_that_leaves_more_than_noise_is_told_though_it_is_small():
+    """2 % of the cubic stiffness: 0.09 % of the frequency, and 2.3 times the noise in the end."""
+    known = {"c_linear": 0.004 * OMEGA}
+    changed = known | {"gamma_3": 1.02 * NOMINAL["gamma_3"]}
+    measured = decay(1.0, changed=changed, duration=LONG)
+    result = diagnose(rs.ReducedModel.from_coefficients(NOMINAL | known), measured)
+    assert result.small and result.best.names == ("cubic_stiffness",)
+    # Nonlinear inertia shifts the frequency alike.
+    assert result.verdict == "ambiguous" and ("nonlinear_inertia",) in result.equivalent
+    assert result.gap.after < 1.1 and "It is small" in result.sentence
+    # What has no more than noise to explain is not told.
+    changed = known | {"gamma_3": 1.005 * NOMINAL["gamma_3"]}
+    measured = decay(1.0, changed=changed, duration=LONG)
+    assert diagnose(rs.ReducedModel.from_coefficients(NOMINAL | known), measured).verdict == "none"
+
+
+@pytest.mark.slow
 def test_what_values_of_the_model_do_as_well_is_told_beside_them():
     """Structural damping: its harmonics are below the noise, so values of the model come first."""
     result = report(force=lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03))

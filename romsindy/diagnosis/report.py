@@ -255,7 +255,7 @@ class Explained(Written):
         elif others:
             if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
                 odds = f"{odds[:-1]}, by the fitted records alone)"
-            closing = self._closing("The first closes")
+            closing = self._closing("The first closes") + self._small
             return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
         if len(self.effects) > 1 and not self.best.effects:
             also += (

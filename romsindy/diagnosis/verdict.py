@@ -77,6 +77,12 @@ def _off_zero(found: Explanation, without: Hypothesis) -> float:
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
+def _ahead(found: Explanation, plain: Explanation) -> float:
+    """By how much it is likelier, by the noise of its own."""
+    a = found.hypothesis
+    return plain.hypothesis.at(a.noise).score - a.score
+
+
 def _plainest(found: Explanation) -> tuple[int, bool, bool, float]:
     """The least of several says the fewest values; what leaves noise alone first, then linear ones.
 
@@ -158,7 +164,7 @@ class Rule:
         several = [] if effect is None else effect.hypothesis.effects
         said = sum(p.effect.structural for p in several)
         plainer = effect is not None and not (moved and len(plain.hypothesis.said) < said)
-        if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
+        if effect is not None and plainer and self._beyond_doubt(effect, plain, values):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             if self.exact or not small:
                 return Answer("named", effect, small=small)
@@ -209,8 +215,7 @@ class Rule:
 
     def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
         """Whether an effect explains, and is likelier than what needs none."""
-        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.noise)
-        return self._explains(effect) and effect.lacking and a.score < b.score - by
+        return self._explains(effect) and effect.lacking and _ahead(effect, plain) > by
 
     def _explains(self, effect: Explanation) -> bool:
         """Whether it closes some of the gap, and leaves nothing that matters."""
@@ -225,12 +230,22 @@ class Rule:
         sure = _off_zero(found, self.nothing) >= SMALL_ABOVE
         return sure and found.changes(self.tolerance)
 
-    def _beyond_doubt(self, effect: Explanation, plain: Explanation) -> bool:
-        """Whether an effect is there although what it explains does not matter."""
+    def _beyond_doubt(
+        self, effect: Explanation, plain: Explanation, values: Sequence[Explanation]
+    ) -> bool:
+        """Whether an effect is there although what it explains does not matter.
+
+        A coefficient that the model has is held against linear values alone, for others say the
+        same, and told where the plain answer leaves more than noise.
+        """
+        owned = not effect.lacking
+        others = [v for v in values if not (owned and v.hypothesis.effects)]
         return (
             self.tolerance.source == DEFAULT
             and effect.closed >= MOSTLY_CLOSED
             and effect.leaves_noise
             and _off_zero(effect, self.linear) >= SMALL_ABOVE
-            and self._likelier(effect, plain, 0.0)
+            and self._explains(effect)
+            and min(_ahead(effect, v) for v in others) > 0
+            and not (owned and plain.gap.after <= PREDICTED)
         )

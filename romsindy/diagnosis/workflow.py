@@ -281,8 +281,8 @@ def _rivals(
     """
     best = answer.explanation.hypothesis
     if is_effect:
-        likeliest = min(values, key=lambda h: h.score)
-        alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [likeliest]
+        apart = sorted((h for h in values if h.names != best.names), key=lambda h: h.score)
+        alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + apart[:1]
         near_by = rivals_of(best, [h.at(best.noise) for h in alike])[1:]
         others = {h.names: h.at(best.noise) for h in (*found.rivals[1:], *near_by)}
         rivals = [best, *(h for names, h in others.items() if names and names != best.names)]
