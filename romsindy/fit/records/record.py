@@ -296,7 +296,7 @@ def _loud(decay: Decay, noise: float, lines: Sequence[Line] = ()) -> Decay:
     if len(above) == 0 or above[-1] - first < 3 * cycle:
         raise ValueError(
             f"the vibration stands out of the noise (rms {noise:.2g}) for less than three"
-            " cycles: it is noise, or another channel vibrates"
+            " cycles: start earlier, check the channel, or leave it out where friction stops it"
         )
     return decay.between(decay.t[first], decay.t[above[-1]])
 
