@@ -729,6 +729,17 @@ def test_two_forces_are_told_by_what_was_held_out(benchmark, tmp_path, seed, pai
     assert pair in report.equivalent and report.gap.after < 1.1
 
 
+@pytest.mark.slow
+@benchmark_of("measured")
+@pytest.mark.filterwarnings("ignore:t is not uniform")
+@pytest.mark.parametrize("runs", ["7, 8", "1, 3"])
+def test_runs_of_one_hammer_test_lack_nothing(benchmark, measured, runs):
+    """A filter at 60 Hz leaves nothing of the zero, which was fitted to a misfit: 1.2 peaks."""
+    report = benchmark.against_repeat(f"double beam, runs {runs}", measured)()
+    assert report.verdict == "none"
+    assert all(d.signal < 0.01 for d in report.differences)
+
+
 @benchmark_of("clamped_beam")
 def test_small_run_of_a_measured_clamped_beam(benchmark, measured):
     """Mode 3 takes part: of 0.3 s one coordinate leaves far more than noise, a tenth of the rms."""

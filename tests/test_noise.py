@@ -15,6 +15,7 @@ from romsindy.diagnosis.search import combs, tuned
 from romsindy.fit.adequacy.verdicts import examine
 from romsindy.fit.records.record import Record, sharing_drift
 from romsindy.fit.verdict import EXPLAINED
+from romsindy.record.noise import drift
 from romsindy.record.spectrum import Line, Spectrum, distortion
 
 RATE, F0 = 200.0, 5.0
@@ -140,6 +141,22 @@ def test_a_drift_is_known_in_a_dozen_cycles(cycles):
         left = drifting.whitened(walked)
         assert 0.85 < np.sqrt(left @ left / drifting.count) < EXPLAINED
         assert still.noise.drift is None
+
+
+def test_a_drift_holds_no_more_than_there_is():
+    """What swings slowly and fades where a record begins is no drift that a mean hides.
+
+    Beside that of a vibration that fades it was taken for a drift a thousand times as large.
+    """
+    dt, cycle = 1 / 5120, 1 / 122
+    t = np.arange(15677) * dt
+    swinging = 0.03 * np.exp(-t / 0.02) * np.cos(2 * np.pi * 20 * t)
+    quiet = Spectrum(np.array([0.0, 2560.0]), np.array([2.5e-7, 2.5e-7]))
+    found = drift(swinging, np.exp(-1.5 * t), quiet, cycle, dt)
+    assert found is not None
+    slow = np.arange(1, 50)
+    held = found(slow / (2 * len(t) * dt))
+    assert np.all(held <= 10.1 * np.max(dct(swinging, norm="ortho")[1:60] ** 2))
 
 
 def test_an_offset_that_stays_is_seen_in_full():

@@ -50,7 +50,9 @@ class Prediction:
 
     def difference(self, simulated: Array) -> Difference:
         """What a simulation differs by, (n,)."""
-        return replace(Difference.of(self.record, simulated), name=self.name)
+        # Where the sensor drifts, weights tell the zero badly that the simulation was fitted with.
+        zero = np.mean(self.record.signal - simulated)
+        return replace(Difference.of(self.record, simulated + zero), name=self.name)
 
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""

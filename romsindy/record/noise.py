@@ -30,6 +30,7 @@ _SIZES = np.geomspace(1e-2, 1e10, 61)  # of the slowest cosine, over the noise
 _REACH = 3  # so many times further the drift goes on as it is found where it is slow
 _CHANCE = 1e-2  # drift is believed against noise without it
 _AROUND, _ROUNDS = 3, 4  # cosines that a slow line shares; passes over them
+_TIMES = 10  # by so much the power of a drift may exceed that of such cosines, by chance
 
 
 def drift(
@@ -56,6 +57,9 @@ def drift(
         return None
     # From half of the fundamental on, the noise between the harmonics holds the drift, too.
     added = np.where(frequency * cycle > 0.5, np.maximum(added - quiet, 0.0), added) + lines
+    # What is left beside a mean says little of the slowest: they hold no more than is there.
+    near = _TIMES * uniform_filter1d(y**2, _AROUND, mode="nearest")
+    added[:count] = np.minimum(added[:count], np.append(near[0] * 2 ** max(_POWERS), near))
     nothing = 1e-12 * float(quiet.min())  # beyond the slow part
     beyond = frequency[-1] + frequency[1]
     return Spectrum(np.append(frequency, beyond), np.append(np.maximum(added, nothing), nothing))
