@@ -290,12 +290,11 @@ def test_what_a_structure_cannot_have_is_not_named_on_it_alone():
         compared: tuple
         rivals: tuple = ()
 
-    def of(name, family):
-        effect = SimpleNamespace(effect=SimpleNamespace(name=name, family=family))
+    def of(name, structural=True):
+        effect = SimpleNamespace(effect=SimpleNamespace(name=name, structural=structural))
         return SimpleNamespace(names=(name,), effects=(effect,))
 
-    tuned, hum = of("tuned_mass", "inertia"), of("mains_hum", "outside")
-    magnet = of("magnet", "stiffness")
+    tuned, hum, magnet = of("tuned_mass"), of("mains_hum", structural=False), of("magnet")
     beam = SimpleNamespace(
         with_effects=lambda parts: [p for p in parts if p.effect.name == "magnet"]
     )

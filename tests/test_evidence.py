@@ -224,7 +224,8 @@ def explanation(
     found.beyond, found.misfit_elsewhere = beyond, elsewhere
     found.at = lambda _: found
     found.growth = lambda _: 1.0  # what it leaves is noise
-    found.effects, found.moved = (names, ()) if lacking else ((), names)
+    parts = tuple(SimpleNamespace(effect=SimpleNamespace(structural=True)) for _ in names)
+    found.effects, found.moved = (parts, ()) if lacking else ((), names)
     found.said = set(names)
     gap = SimpleNamespace(
         before=9.0, after=after, closed=closed, unseen=unseen, leaves_within=lambda _: within
