@@ -188,6 +188,9 @@ def test_accelerations_jump_where_friction_turns_round(fine):
     assert off[moving].max() < 0.05 * FRICTION
     assert smeared[moving].max() > 0.3 * FRICTION
     assert np.array_equal(equation.sampled(motion, 1), sampled(motion, 1))
+    # Where no sample lies in a step in which it turns nothing jumps.
+    half = motion.between(1, grid.n_steps // 40)
+    assert np.array_equal(equation.sampled(half, 2), sampled(half, 2))
 
 
 TWO_MODES = rs.CoupledModel.from_coefficients(

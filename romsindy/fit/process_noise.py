@@ -333,7 +333,10 @@ class Departures:
             marginal = Marginal.of(parts, several)
             jump = marginal.needed()
             system, step = marginal.solve(jump)
-            own = marginal.departures(several, jump, step)
+            try:
+                own = marginal.departures(several, jump, step)
+            except np.linalg.LinAlgError:  # to rounding they grow without bound, too
+                break
             left = tuple(w.left(step, s) for w, s in zip(several, own, strict=True))
             tried.append(cls(marginal, jump, left))
             parts, before = moved_parts(parts, step), motions

@@ -119,6 +119,8 @@ class ExtendedEquation:
         mean, there = self._pulled(friction, *at), sharp._pulled(friction, *at)
         jumped = np.abs(mean - there).max(axis=1) > _JUMPED * np.abs(there).max()
         where = np.flatnonzero(np.any(jumped.reshape(-1, 3), axis=1)[grid.sample_step])
+        if not len(where):
+            return where, motion.q[:0]
         still = np.zeros_like(motion.q)
         shown = inside(grid, still, still, mean.reshape(motion.q_ddot.shape), _ACCELERATION)
         t = grid.start + grid.step * (grid.sample_step + grid.fraction)
