@@ -15,13 +15,12 @@ from romsindy.fit.kernel.collocation import Trajectory
 from romsindy.fit.kernel.linear_response import inside, nodes, sampled
 from romsindy.fit.kernel.linear_steps import Carried, Linearisation, inverse
 from romsindy.fit.kernel.part import Coefficient, OnCoordinate, Part, extended
-from romsindy.fit.kernel.prepared import Prepared
+from romsindy.fit.kernel.prepared import ACCELERATION, Prepared
 from romsindy.physics.coupling import Along, CoupledTerm
 from romsindy.physics.equations import Equations
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array, Indices
 
-_ACCELERATION = 2
 _JUMPED = 1e-9  # of a friction: by so much its mean over a step differs where it jumps
 
 
@@ -106,7 +105,7 @@ class ExtendedEquation:
         Steps in time average such a force.
         """
         x = sampled(motion, derivative)
-        for part in self.jumping if derivative == _ACCELERATION else ():
+        for part in self.jumping if derivative == ACCELERATION else ():
             where, averaged = self._averaged_away(part, motion)
             x[where] += averaged
         return x
@@ -122,7 +121,7 @@ class ExtendedEquation:
         if not len(where):
             return where, motion.q[:0]
         still = np.zeros_like(motion.q)
-        shown = inside(grid, still, still, mean.reshape(motion.q_ddot.shape), _ACCELERATION)
+        shown = inside(grid, still, still, mean.reshape(motion.q_ddot.shape), ACCELERATION)
         t = grid.start + grid.step * (grid.sample_step + grid.fraction)
         states = t[where], *(sampled(motion, order)[where] for order in range(3))
         missed = shown[where] - sharp._pulled(friction, *states)

@@ -18,7 +18,7 @@ from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
 
 R = TypeVar("R", bound="Prepared")
-_ACCELERATION = 2
+ACCELERATION = 2  # the derivative that an accelerometer shows
 _SHORTEST = 4.0  # cycles of the slowest coordinate in a piece
 
 
@@ -109,7 +109,7 @@ class Prepared(ABC):
         """
         found = np.ones((self.n_channels, len(self.t)))
         spans = [span for force in self.inputs.values() for span in force.spans]
-        for start, stop in spans if self.derivative == _ACCELERATION else ():
+        for start, stop in spans if self.derivative == ACCELERATION else ():
             found[:, (self.since + self.t >= start) & (self.since + self.t <= stop)] = 0.0
         return found.ravel()
 

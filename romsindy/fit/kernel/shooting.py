@@ -41,7 +41,7 @@ from romsindy.fit.kernel.part import (
     prior_cost,
     priors,
 )
-from romsindy.fit.kernel.prepared import Prepared, chi_squared_of
+from romsindy.fit.kernel.prepared import ACCELERATION, Prepared, chi_squared_of
 from romsindy.physics.equations import Equations
 from romsindy.typing import Array, Indices
 
@@ -165,7 +165,7 @@ def resimulated(model: Equations, solution: Solution, records: Sequence[Prepared
 
 
 def _shown(equation: ExtendedEquation, motion: Trajectory, derivative: int) -> Array:
-    if derivative == 2 and equation.jumping:
+    if derivative == ACCELERATION and equation.jumping:
         return equation.sampled(motion, derivative)
     return motion.samples(equation, derivative)
 
