@@ -5,6 +5,7 @@ import platform
 import re
 import subprocess
 import sys
+import time
 
 import click
 import numpy as np
@@ -594,6 +595,23 @@ def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, mo
     save_decay(example_decay(), tmp_path / "b.npz")
     result = run("identify", "a.npz", "b.npz")
     assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout
+
+
+def test_an_interrupt_that_python_drops_comes_again(run, monkeypatch):
+    """One that comes while an object is collected is printed as ignored, and no more."""
+
+    class Collected:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    def stop(*_, **__):
+        Collected()  # is collected at once
+        for _ in range(300):  # C code is not interrupted: what follows it is
+            time.sleep(0.1)
+
+    monkeypatch.setattr(measurement, "inspect", stop)
+    result = run("identify", "--example")
+    assert result.exit_code == 130 and "Interrupted while inspecting" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,16 @@ help. A name of ours stays ours.
 from __future__ import annotations
 
 import ast
+import sys
 import warnings
-from collections.abc import Iterator
+from _thread import interrupt_main
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
+from threading import Timer
 from typing import Any
 
 import click
@@ -49,6 +52,7 @@ class _Refusal(click.ClickException):
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn refused input into one line and exit code 2; an internal error keeps its traceback."""
+    before, sys.unraisablehook = sys.unraisablehook, partial(_again, sys.unraisablehook)
     try:
         yield
     except (click.exceptions.Exit, BrokenPipeError):  # nobody reads on: click ends quietly
@@ -64,6 +68,18 @@ def _refusals() -> Iterator[None]:
     except KeyboardInterrupt as error:  # with what was reached, where a command says it
         click.echo(_one_line(f"Interrupted {error}".strip()) + ".", err=True)
         raise click.exceptions.Exit(INTERRUPTED) from None
+    finally:
+        sys.unraisablehook = before
+
+
+def _again(
+    otherwise: Callable[[sys.UnraisableHookArgs], Any], lost: sys.UnraisableHookArgs
+) -> None:
+    """Repeat a Ctrl-C that Python drops, as where it comes while an object is collected."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        Timer(0.05, interrupt_main).start()  # once what dropped it has ended
+    else:
+        otherwise(lost)
 
 
 def _elsewhere(error: click.UsageError) -> str:
