@@ -19,7 +19,14 @@ from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from romsindy.record.spectrum import TOGETHER, Line, Spectrum, lines_between, strong_lines
+from romsindy.record.spectrum import (
+    TOGETHER,
+    Line,
+    Spectrum,
+    before_filter,
+    lines_between,
+    strong_lines,
+)
 from romsindy.typing import Array, Indices
 
 _MEAN = (2, 4, 6, 8)  # powers of the amplitude
@@ -218,10 +225,14 @@ class Noise:
         return self._drifting(self.spectrum(self._frequency(n)))
 
     def _weighed(self, n: int) -> Array:
-        """By what they are weighed: no less than what is quiet, or leaks from other cosines."""
+        """By what they are weighed: no less than what is quiet, or leaks from other cosines.
+
+        Beyond a filter as much as before it.
+        """
         if self.alike:
             return self._drifting(np.full(n, self.std**2))
-        power = self._drifting(self.spectrum.leaking(n * self.dt)(self._frequency(n)))
+        spectrum = before_filter(self.spectrum, self.dt).leaking(n * self.dt)
+        power = self._drifting(spectrum(self._frequency(n)))
         return np.maximum(power, _QUIETEST * self.std**2)
 
     def _drifting(self, power: Array) -> Array:

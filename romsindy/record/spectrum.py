@@ -300,6 +300,19 @@ def settling(noise: Spectrum, dt: float) -> float:
     return dt * float(np.flatnonzero(rings > _RINGS * rings.max())[-1] + 1)
 
 
+def before_filter(noise: Spectrum, dt: float) -> Spectrum:
+    """The same without what a filter took away; as it is where the noise shows none.
+
+    The filter took that of every jump of a model, too, which a record does not show.
+    """
+    if noise.white or _response(noise, dt) is None:
+        return noise
+    loudest = noise.power.max()
+    last = np.flatnonzero(noise.power > _EDGE * loudest)[-1]
+    beyond = np.arange(len(noise.power)) > last
+    return replace(noise, power=np.where(beyond, loudest, noise.power))
+
+
 def _frequencies(dt: float) -> Array:
     return np.linspace(0, 0.5 / dt, _LINES + 1)
 
