@@ -332,6 +332,24 @@ def test_an_effect_is_named_where_it_is_sure_and_leaves_nothing_that_matters():
     assert verdict_for(effect=hardly, beyond=False) == "none"
 
 
+def test_values_within_tolerances_do_not_hide_an_effect_that_is_as_likely():
+    """Odds of 33 to 1 are 7 of the scores: beyond them one is told alone, or first."""
+
+    def told(score, exact=False, beyond=True):
+        as_it_was = SimpleNamespace(differences_before=[change(beyond)])
+        nothing, linear = (explanation((), misfit=x).hypothesis for x in (100.0, 10.0))
+        rule = Rule(as_it_was, nothing, linear, BEYOND, NO_FORM_ERROR, exact)
+        values = explanation((), score=score, within=True)
+        answer = rule.answer([values], explanation(within=True))
+        return answer.verdict, answer.explanation.hypothesis.names
+
+    assert told(-8.0) == ("none", ())
+    assert told(-6.0) == told(6.0) == ("ambiguous", ())
+    assert told(8.0) == ("ambiguous", ("drag",))
+    # ... where they differ by more than matters, and by how much values may be off is known.
+    assert told(6.0, beyond=False) == told(6.0, exact=True) == ("none", ())
+
+
 def test_values_of_the_model_come_before_effects():
     values = {"names": ("linear_frequency",), "lacking": False}
     assert verdict_for(explanation(**values)) == "named"

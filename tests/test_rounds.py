@@ -1,5 +1,6 @@
 """Rounds of a diagnosis on a simulated structure, where explanations take turns."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,17 @@ from romsindy.fit.records.record import Record, scales
 from romsindy.fit.verdict import EXPLAINED, FLOOR
 
 OPTIONS = Options((), 0.01, 2, 1e-4, 1, lambda _: None)
+
+
+@dataclass
+class _Said:
+    """What a look says."""
+
+    best: SimpleNamespace
+    rivals: tuple[SimpleNamespace, ...]
+    verdict: str = "named"
+    compared: tuple = ()
+    interrupted: bool = False
 
 
 class _Turning(Rounds):
@@ -41,9 +53,7 @@ class _Turning(Rounds):
         exponent = SimpleNamespace(low=2.5, high=3.5 if free else 2.5)
         part = SimpleNamespace(effect=SimpleNamespace(name=name), said=said, parameters=[exponent])
         best = SimpleNamespace(names=(name,), parts=[part], effects=[part])
-        return SimpleNamespace(
-            verdict="named", best=best, rivals=(best,), compared=(), interrupted=False
-        )
+        return _Said(best, (best,))
 
     def _settled(self, parts, report):
         return {p.said for p in parts} == {p.said for p in report.best.parts}
@@ -55,12 +65,17 @@ class _Turning(Rounds):
         return report.best
 
 
-def _looks(table):
-    """What is on the structure at each look, where a look at this finds that."""
+def _looked(table):
+    """The rounds, and what they found, where a look at this structure finds that."""
     structure = SimpleNamespace(with_effects=tuple, failures=(), apart=False)
     given = ([], [], False, [], [], OPTIONS, [], NO_FORM_ERROR)
     rounds = _Turning(structure, None, table, *given)
-    found = rounds.run((), [])
+    return rounds, rounds.run((), [])
+
+
+def _looks(table):
+    """What is on the structure at each look, and what is told."""
+    rounds, found = _looked(table)
     return rounds.seen, "".join(p.said for p in found.report.best.parts)
 
 
@@ -68,6 +83,14 @@ def test_what_takes_turns_is_looked_at_no_further_than_once_around():
     """Each from the structure with the other: the third time that it comes it would go on so."""
     assert _looks({"": "a", "a": "b", "b": "a"})[0] == ["", "a", "b", "a"]
     assert _looks({"": "a", "a": "b", "b": "b"})[0] == ["", "a", "b"]
+
+
+def test_what_takes_turns_is_told_together():
+    """Neither is named, and what comes first is on the structure that is told."""
+    found = _looked({"": "a", "a": "b", "b": "a"})[1]
+    assert found.report.verdict == "ambiguous"
+    assert [h.names for h in found.report.rivals] == [("b",), ("a",)]
+    assert [p.said for p in found.parts] == ["b"]
 
 
 def test_an_exponent_that_takes_turns_is_that_of_the_textbook():

@@ -131,8 +131,11 @@ def of_the_measurement(
 def titles(hypothesis: Hypothesis) -> str:
     """Labels of what a hypothesis says is missing."""
     effects = [hypothesis.parts[i].effect for i in hypothesis.blamed]
-    named = (f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
-    return " and ".join(named) or "nothing"
+    named = dict.fromkeys(f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
+    if named:
+        return " and ".join(named)
+    known = any(p.tolerance and p.effect.structural for p in hypothesis.parts[: hypothesis.n_free])
+    return "values within their tolerances" if known else "nothing"
 
 
 def _effect(

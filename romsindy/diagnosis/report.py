@@ -235,7 +235,7 @@ class Explained(Written):
     def _missing(self) -> str:
         if self.verdict == "none":
             return self._nothing
-        found = " and ".join(map(str, self.effects))
+        found = " and ".join(map(str, self.effects)) or titles(self.best)
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":

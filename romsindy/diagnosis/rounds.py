@@ -162,10 +162,10 @@ class Rounds:
                     return Outcome(self._checked(report), parts, found)
                 most, turns = self.options.max_effects, []
                 continue
+            again = False
             if last is not None:
                 turns.append((names_of(last[0].best), names_of(report.best)))
-                if turns[-1][0] != turns[-1][1] and turns[-1] in turns[:-1]:
-                    break
+                again = turns[-1][0] != turns[-1][1] and turns[-1] in turns[:-1]
                 if len(reports) > 2 and self._rounds_again(*reports[-3:]):
                     return Outcome(self._checked(last[0]), parts, found)
             last = report, found, parts
@@ -180,8 +180,16 @@ class Rounds:
                 self.refuted[names] = np.inf  # no such structure can be: another is asked, once
                 (_, found, parts), last = last, None
                 self.return_to(found)
-        seen = [h for r in reports for h in (r.best, *r.rivals)]
-        self.doubtful = {names_of(h): h for h in seen if family_of([h.names, report.best.names])}
+            if again:  # what is told last stands on the structure
+                break
+        took_turns = [r.best for r in reports[-2:] if r.best.effects]
+        alike = [
+            h
+            for r in reports
+            for h in (r.best, *r.rivals)
+            if family_of([h.names, report.best.names])
+        ]
+        self.doubtful = {names_of(h): h for h in (*alike, *took_turns)}
         return Outcome(self._checked(undecided(report, self.doubtful)), parts, found)
 
     def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
@@ -258,7 +266,8 @@ class Rounds:
         free = [
             sum(p.low < p.high for x in h.effects for p in x.parameters) for h in (second, third)
         ]
-        return free[0] < free[1] and self._settled(first.parts, reports[2])
+        alike = names_of(second) == names_of(third)
+        return alike and free[0] < free[1] and self._settled(first.parts, reports[2])
 
     def _settled(self, parts: Sequence[Part], report: DiagnosisReport) -> bool:
         """Whether the effects that were simulated are those found, within some standard errors.
@@ -308,8 +317,9 @@ class Rounds:
 
 def undecided(report: DiagnosisReport, doubtful: Mapping[Names, Hypothesis]) -> DiagnosisReport:
     """A report with explanations that it would not have named, had it begun with them."""
-    others = [h for names, h in doubtful.items() if names != names_of(report.best)]
-    if report.verdict != "named" or not others:
+    told = {names_of(h) for h in (report.best, *report.rivals)}
+    others = [h for names, h in doubtful.items() if names not in told]
+    if report.verdict not in ("named", "ambiguous") or not others:
         return report
     return replace(report, verdict="ambiguous", rivals=(*report.rivals, *others))
 

@@ -175,17 +175,18 @@ class Rule:
             and effect.differs(plain, self.tolerance)
         )
         if enough and not seen_through:
-            if not moved:
-                return Answer("none", plain)
             # What values leave may be small, and one effect as likely all the same.
             alike = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
+            # How far values of a structure may be off is known: that they do it is no proof.
+            if not moved and (self.exact or not (alike and self._surely_beyond)):
+                return Answer("none", plain)
             if effect is None or not alike:
                 sole = plain.leaves_noise or plain.closed >= MOSTLY_CLOSED
                 return Answer("named" if sole else "ambiguous", plain)
             better = effect.leaves_noise and not plain.leaves_noise
             first = better and self._likelier(effect, plain, 0.0)
-            # A value beyond its tolerance is as unlikely as that says.
-            beyond = bool(plain.hypothesis.beyond)
+            # A value beyond its tolerance is as unlikely as that says; none may have to move.
+            beyond = bool(plain.hypothesis.beyond) or not moved
             first |= beyond and self._likelier(effect, plain, EQUIVALENT)
             return Answer("ambiguous", *((effect, plain) if first else (plain, effect)))
         if effect is not None and self._explains(effect):

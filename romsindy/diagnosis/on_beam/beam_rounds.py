@@ -275,6 +275,7 @@ class BeamRounds(Rounds):
         that is what is found. Nothing is told of a place where it is not.
         """
         agreed, place = False, None
+        heard_of: list[tuple[Names, Names]] = []  # what all sensors said, and what was found then
         for _ in range(_LISTENED):
             report = found.report
             silent = report.verdict == "none" or not report.best.effects
@@ -303,6 +304,9 @@ class BeamRounds(Rounds):
             if again.trouble:
                 break
             found, agreed = again, again.report.best.names == best.names
+            heard_of.append((names_of(best), names_of(again.report.best)))
+            if heard_of[-1] in heard_of[:-1]:
+                break
             # A release is read with what acts: where that is elsewhere, it was another.
             if agreed and moved < _ELSEWHERE * self.seen.beam.length:
                 break
@@ -342,7 +346,7 @@ class BeamRounds(Rounds):
         if report.best.effects:
             return self.near(report, _MOST) or [report.best]
         found: dict[Names, Hypothesis] = {}
-        for h in report.compared:
+        for h in (*report.rivals, *self.doubtful.values(), *report.compared):
             if len(h.effects) == 1 and self.structure.with_effects(h.effects):
                 found.setdefault(names_of(h), h)
         return list(found.values())[:_FEW]
@@ -370,13 +374,13 @@ class BeamRounds(Rounds):
     ) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of values alone.
 
-        Where these were found, and leave noise alone, nothing else is asked.
+        Where these alone were found, and leave noise, nothing else is asked.
         """
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
         alone = self._without(report.base, read, slack)
         found: list[TriedOnBeam | None] = [alone]
-        if not report.best.effects and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
+        if report.verdict == "none" and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
             asked = ()
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
