@@ -182,15 +182,11 @@ class Rounds:
                 self.return_to(found)
             if again:  # what is told last stands on the structure
                 break
-        took_turns = [r.best for r in reports[-2:] if r.best.effects]
-        alike = [
-            h
-            for r in reports
-            for h in (r.best, *r.rivals)
-            if family_of([h.names, report.best.names])
-        ]
-        self.doubtful = {names_of(h): h for h in (*alike, *took_turns)}
-        return Outcome(self._checked(undecided(report, self.doubtful)), parts, found)
+        turned = {names_of(r.best): r.best for r in reports[-2:]}
+        seen = [h for r in reports for h in (r.best, *r.rivals)]
+        alike = {names_of(h): h for h in seen if family_of([h.names, report.best.names])}
+        self.doubtful = alike | {names: h for names, h in turned.items() if names}
+        return Outcome(self._checked(undecided(report, self.doubtful | turned)), parts, found)
 
     def _checked(self, report: DiagnosisReport) -> DiagnosisReport:
         """A report that names nothing on the structure which this cannot have, and so not refute.

@@ -374,13 +374,14 @@ class BeamRounds(Rounds):
     ) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of values alone.
 
-        Where these alone were found, and leave noise, nothing else is asked.
+        Where these were found, took turns with nothing, and leave noise, nothing else is asked.
         """
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
         alone = self._without(report.base, read, slack)
         found: list[TriedOnBeam | None] = [alone]
-        if report.verdict == "none" and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
+        sole = not (report.best.effects or self.doubtful)
+        if sole and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
             asked = ()
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
