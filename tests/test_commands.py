@@ -3,6 +3,7 @@ import importlib
 import json
 import platform
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -610,7 +611,9 @@ def test_an_interrupt_that_python_drops_comes_again(run, monkeypatch):
             time.sleep(0.1)
 
     monkeypatch.setattr(measurement, "inspect", stop)
+    heard = signal.signal(signal.SIGINT, signal.default_int_handler)  # also in the background
     result = run("identify", "--example")
+    signal.signal(signal.SIGINT, heard)
     assert result.exit_code == 130 and "Interrupted while inspecting" in result.stderr
 
 
