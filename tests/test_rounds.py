@@ -93,6 +93,17 @@ def test_what_takes_turns_is_told_together():
     assert [p.said for p in found.parts] == ["b"]
 
 
+@pytest.mark.parametrize(("before", "verdict"), [("none", "ambiguous"), ("unknown", "named")])
+def test_what_comes_from_outside_is_told_beside_values_that_were_enough(before, verdict):
+    """Beside other values of the structure it was needed; it may stand for what these do."""
+    hum = SimpleNamespace(effect=SimpleNamespace(name="hum", structural=False))
+    values, found = (SimpleNamespace(names=n, effects=e) for n, e in (((), ()), (("hum",), (hum,))))
+    rounds = SimpleNamespace(looked=[_Said(values, (), before)])
+    told = Rounds._checked(rounds, _Said(found, (found,)))
+    assert told.verdict == verdict
+    assert [h.names for h in told.rivals] == [("hum",), ()][: 1 + (before == "none")]
+
+
 def test_an_exponent_that_takes_turns_is_that_of_the_textbook():
     """From the structure with the one the other is found: the first that has fewer values stays."""
     assert _looks({"": "a", "a": "a'", "a'": "a"}) == (["", "a", "a'"], "a'")

@@ -192,13 +192,17 @@ class Rounds:
         """A report that names nothing on the structure which this cannot have, and so not refute.
 
         The likeliest that it can have, by the last look that compared such, is told
-        beside it. What the measurement adds needs no check.
+        beside it. What came from outside is told beside values that a look found to be enough.
         """
         own = [p for p in report.best.effects if p.effect.structural]
-        if self.can_have(own):
+        if own and not self.can_have(own):
+            compared = (h for r in reversed(self.looked) for h in r.compared if h.effects)
+            beside = (h for h in compared if self.can_have(h.effects))
+        elif report.best.effects and not own:
+            beside = (r.best for r in reversed(self.looked) if r.verdict == "none")
+        else:
             return report
-        compared = (h for r in reversed(self.looked) for h in r.compared if h.effects)
-        nearest = next((h for h in compared if self.can_have(h.effects)), None)
+        nearest = next(beside, None)
         return report if nearest is None else undecided(report, {names_of(nearest): nearest})
 
     def _refutes(
