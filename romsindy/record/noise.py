@@ -13,6 +13,7 @@ rises towards slow frequencies (a random walk: 1/f^2), and slow lines (a tempera
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct, idct
@@ -231,9 +232,12 @@ class Noise:
         """
         if self.alike:
             return self._drifting(np.full(n, self.std**2))
-        spectrum = before_filter(self.spectrum, self.dt).leaking(n * self.dt)
-        power = self._drifting(spectrum(self._frequency(n)))
+        power = self._drifting(self._unfiltered.leaking(n * self.dt)(self._frequency(n)))
         return np.maximum(power, _QUIETEST * self.std**2)
+
+    @cached_property
+    def _unfiltered(self) -> Spectrum:
+        return before_filter(self.spectrum, self.dt)
 
     def _drifting(self, power: Array) -> Array:
         """Power of cosines, (n,), with that of the drift."""
