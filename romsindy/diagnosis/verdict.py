@@ -178,7 +178,8 @@ class Rule:
             # What values leave may be small, and one effect as likely all the same.
             alike = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
             # How far values of a structure may be off is known: that they do it is no proof.
-            if not moved and (self.exact or not (alike and self._surely_beyond)):
+            known = not self.exact and plain.leaves_noise and self._surely_beyond
+            if not moved and not (alike and known):
                 return Answer("none", plain)
             if effect is None or not alike:
                 sole = plain.leaves_noise or plain.closed >= MOSTLY_CLOSED

@@ -271,6 +271,7 @@ _LINES = 4096
 # The noise says little of how deep a stop band is, and of noise that was not white nothing.
 _DOUBT = 3.0
 _RINGS = 0.01  # of its largest response
+_LEAST_EDGE = 0.125  # of the sampling rate, of a filter before a converter
 
 
 def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> Array:
@@ -301,13 +302,16 @@ def settling(noise: Spectrum, dt: float) -> float:
 
 
 def before_filter(noise: Spectrum, dt: float) -> Spectrum:
-    """The same without what a filter took away; as it is where the noise shows none.
+    """The same without what the filter of a converter took away; as it is where it shows none.
 
-    The filter took that of every jump of a model, too, which a record does not show.
+    The filter took that of every jump of a model, too, which a record does not show. Noise of a
+    narrower band is another's: beside it harmonics are as they were.
     """
     if noise.white or _response(noise, dt) is None:
         return noise
     loudest = noise.power.max()
+    if noise.frequency[noise.power > loudest / 2][-1] < _LEAST_EDGE / dt:
+        return noise
     last = np.flatnonzero(noise.power > _EDGE * loudest)[-1]
     beyond = np.arange(len(noise.power)) > last
     return replace(noise, power=np.where(beyond, loudest, noise.power))
