@@ -130,6 +130,7 @@ class Tolerance:
 
 _LEAST = 4  # cycles that are compared
 _SPAN = 6  # cycles of a part of a record, at least
+_LOOKS = 8  # parts of a record that `SURE` is for: of more each must be as much surer
 _BENT = 8  # from so many on, a difference may change steadily
 _LOUD = 4.0  # amplitude over the error of that of a cycle, from which on a cycle counts
 _SHARED = 0.03  # by how much the first cycle may be outside of the amplitudes of the simulation
@@ -158,7 +159,7 @@ class Difference:
     noise : float
         Rms over the largest amplitude.
     parts : tuple of Difference
-        Of the halves, quarters and eighths of a record that is long enough.
+        Of the halves, quarters, down to 32nds of a record that is long enough.
     name : str
         Of the record.
     share : float
@@ -374,18 +375,19 @@ def _beside(record: Record, rest: Array, exact: bool) -> float:
 
 def _of_parts(pair: _Pair) -> Difference:
     n = len(pair.t)
-    counts = [k for k in (2, 4, 8) if n >= k * _SPAN]
-    pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
-    parts = tuple(replace(_difference(pair, p), share=len(p) / n) for p in pieces)
+    counts = [k for k in (2, 4, 8, 16, 32) if n >= k * (_SPAN if k <= _LOOKS else _BENT)]
+    pieces = [(s, k) for k in counts for s in np.array_split(np.arange(n), k)]
+    parts = tuple(replace(_difference(pair, p, k), share=len(p) / n) for p, k in pieces)
     return replace(_difference(pair, np.arange(n)), parts=parts)
 
 
-def _difference(pair: _Pair, which: Indices) -> Difference:
+def _difference(pair: _Pair, which: Indices, count: int = 1) -> Difference:
+    """By some of the cycles: one of so many parts of a record."""
     t, weight = pair.t[which], pair.weight[which]
     omega = float(np.average(pair.omega[which], weights=weight**2))
     said = float(np.average(pair.decay[which], weights=weight**2))
-    faster, faster_std = _fitted(t, pair.ahead[which], weight, 1)
-    less, less_std = _fitted(t, pair.louder[which], weight, 1)
+    faster, faster_std = _fitted(t, pair.ahead[which], weight, 1, count)
+    less, less_std = _fitted(t, pair.louder[which], weight, 1, count)
     scale = max(abs(said), abs(said + less), _SAME_DECAY * omega)
     frequency = faster / omega
     # The damping ratio is the decay rate over the frequency.
@@ -428,11 +430,13 @@ def _peak(x: Array) -> float:
     return float(np.abs(x).max())
 
 
-def _fitted(t: Array, x: Array, weight: Array, derivative: int) -> tuple[float, float]:
+def _fitted(
+    t: Array, x: Array, weight: Array, derivative: int, count: int = 1
+) -> tuple[float, float]:
     """Value or slope of x at the weighted mean of the times, and its standard error.
 
     A polynomial follows what changes steadily; the scatter about it, with neighbours that err
-    alike, is the error.
+    alike, is the error. Of many parts, ``count`` that are looked at, each is wider.
     """
     degree = derivative + (1 if len(t) >= _BENT else 0)
     middle = np.average(t, weights=weight**2)
@@ -444,7 +448,7 @@ def _fitted(t: Array, x: Array, weight: Array, derivative: int) -> tuple[float, 
     row = inverse[derivative] / scale**derivative
     variance = misfit @ misfit / freedom * (row @ row)
     # Few cycles know their own scatter badly.
-    widened = student.isf(norm.sf(SURE), freedom) / SURE
+    widened = student.isf(norm.sf(SURE) / max(count / _LOOKS, 1.0), freedom) / SURE
     alike = _alike(misfit, np.eye(len(t)) - basis @ inverse)
     return float(row @ (weight * x)), float(widened * np.sqrt(variance * (1 + alike) / (1 - alike)))
 

@@ -154,7 +154,7 @@ SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-3, 5e-2, 1e-2
 # frequency by 2 % is another structure; a waveform that is off by 10 % is another motion.
 WIDEST_FREQUENCY, WIDEST_DAMPING, WIDEST_SIGNAL = 0.02, DETERMINED, 0.1
 # Standard errors from which on a difference is no chance: up to fifteen spans, of three values
-# each, are looked at in every record.
+# each, are looked at in every record; of shorter ones each must be as much surer as there are more.
 SURE = 3.5
 # The fault of a sensor of a beam is named above this part of the rms of its channel, and where one
 # channel explains this part of what does not fit: a beam that bends otherwise than simulated is no
