@@ -328,6 +328,8 @@ def test_marks_of_a_diagnosis(benchmark):
     both = ("linear_frequency",), ("added_mass",)
     assert marks(said("ambiguous", *both), ["added_mass"]) == "rif"
     assert marks(said("named", both[0]), ["added_mass"]) == "w"
+    # values within their tolerances first, which are no name, and a mass beside them
+    assert marks(said("ambiguous", (), ("added_mass",)), ["added_mass"]) == "i"
     told = replace(said("ambiguous", ("b",), ("a",)), members=("b", "a"))
     assert marks(told, ["a"]) == "if" and marks(told, ["c"]) == ""
 

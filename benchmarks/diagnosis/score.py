@@ -57,7 +57,8 @@ def marks(said: Said, hidden: Sequence[str], excused: Sequence[str] = ()) -> dic
         wrong = said.verdict == "named" and bool(names)
         return {"right": right, "in_set": right, "wrong": wrong, "family": right}
     in_set = answered and any(_same(s, truth) for s in sets)
-    right = in_set and (_same(names, truth) or any(names | truth <= a for a in ALIKE))
+    alike = names and any(names | truth <= a for a in ALIKE)
+    right = bool(in_set and (_same(names, truth) or alike))
     wrong, told = said.verdict == "named" and not right, truth <= {*said.members}
     return {"right": right, "in_set": in_set, "wrong": wrong, "family": right or told}
 
