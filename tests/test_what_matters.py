@@ -16,7 +16,9 @@ from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.words import odds
-from romsindy.fit.records.record import Record
+from romsindy.effects import CubicStiffness, Hysteretic
+from romsindy.fit.kernel.part import Part
+from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.text import percent
 
@@ -31,6 +33,22 @@ def no_search(monkeypatch):
         raise AssertionError("a search was started")
 
     monkeypatch.setattr(decay_search.DecaySearch, "run", refuse)
+
+
+def test_beside_fewer_effects_a_value_that_moved_has_what_does_the_same():
+    """In one mode hysteretic damping is viscous damping, 50 % more, but for what 25 dB hide."""
+    more = {"c_linear": 0.015 * OMEGA, "gamma_3": 0.3 * OMEGA**2}
+    records = [Record.loud(decay(0.3, changed=more, snr_db=25), 2e-4)]
+    known = scales(records)
+    options = search.Options((CubicStiffness(), Hysteretic()), 0.01, 2, 2e-4, 1, lambda text: None)
+    unsure = search.unsure_parts(MODEL, ("omega^2", "c_linear"), {}, known, 1)
+    matters = {"viscous": 0.05 * 0.01 * OMEGA}
+    noise = decay_search.ProcessNoise(matters=matters)
+    looked = decay_search.DecaySearch(MODEL, records, unsure, options, noise)
+    best = looked.hypothesis([Part.of(CubicStiffness(), known, 1, [3.0])])
+    assert best.material == ("viscous",) and best.names == ("cubic_stiffness", "viscous")
+    found = looked.with_instead(search.Finding([best], [best], looked.hypothesis([])))
+    assert [h.names for h in found.rivals] == [best.names, ("cubic_stiffness", "hysteretic")]
 
 
 @pytest.mark.slow

@@ -357,6 +357,13 @@ class DecaySearch(Search):
         best = min(seen, key=left)
         return self.ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
+    def with_instead(self, found: Finding) -> Finding:
+        """The same finding with what does as well as the values that moved beside its effects."""
+        best = found.rivals[0]
+        more = [h.at(best.noise) for h in self._instead(best, best.effects)]
+        rivals = [*found.rivals, *rivals_of(best, more)[1:]]
+        return replace(found, rivals=rivals, compared=[*found.compared, *more])
+
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
         """The same finding without what was better than another hypothesis, now the best."""
         (best,) = self.ranked([best])

@@ -151,7 +151,11 @@ def _validated(
     found, least = validation.weighed(found)
     if not records.tests:
         return _with_plain_values(found), records
+    first = found.rivals[0]
     found, blind = validation.useful(found, least)
+    best = found.rivals[0]
+    if best.effects and best.material and len(best.effects) < len(first.effects):
+        found = search.with_instead(found)  # the search asked that of more effects
     return found, replace(records, tests={}) if blind else records
 
 
