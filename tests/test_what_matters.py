@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from romsindy.diagnosis import decay_search, diagnose, search
 from romsindy.diagnosis.arguments import of_repeats, stated
 from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
+from romsindy.diagnosis.search import Screened
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.words import odds
 from romsindy.effects import CubicStiffness, Hysteretic
+from romsindy.effects.outside import Hum, SecondMode
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
 from romsindy.fit.refine import refine
@@ -49,6 +52,18 @@ def test_beside_fewer_effects_a_value_that_moved_has_what_does_the_same():
     assert best.material == ("viscous",) and best.names == ("cubic_stiffness", "viscous")
     found = looked.with_instead(search.Finding([best], [best], looked.hypothesis([])))
     assert [h.names for h in found.rivals] == [best.names, ("cubic_stiffness", "hysteretic")]
+
+
+def test_a_tone_in_the_place_of_another_has_its_frequency():
+    """A second mode that hardly fades is hum: of one line, though a comb was what screened best."""
+    records = [Record.loud(decay(0.3), 2e-4)]
+    known = scales(records)._replace(tones=(100.0,), combs=((50.0, 4),))
+    options = search.Options((), 0.01, 2, 2e-4, 1, lambda text: None)
+    looked = decay_search.DecaySearch(MODEL, records, (), options, decay_search.ProcessNoise())
+    mode = Part.of(SecondMode(), known, 1, [313.0, 0.0003])
+    comb = Screened(Hum(frequency=50.0, harmonics=4), 0.0, np.zeros((1, 8)))
+    hum = looked._sibling(mode, comb, SimpleNamespace(scales=known))
+    assert hum.effect == Hum(frequency=313.0) and hum.strengths.shape == (1, 2)
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from romsindy.diagnosis.search import (
 )
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
-from romsindy.effects.outside import Hum
+from romsindy.effects.outside import TONES, Hum
 from romsindy.fit.adequacy.verdicts import Adequacy, examine
 from romsindy.fit.kernel.collocation import Trajectory, TrajectoryError
 from romsindy.fit.kernel.gauss_newton import fit
@@ -389,7 +389,10 @@ class DecaySearch(Search):
             if not new:
                 return seen
             tried += [names for names, _ in new]
-            seen += self.fitted([t for _, t in new])
+            toned = [t for names, t in new if names & {e.name for e in TONES}]
+            seen += self.fitted([t for _, t in new if t not in toned])
+            # A tone leaves the motion as it is.
+            seen += map(self.settled, self.fitted(toned, best.solution.motions))
             best = self.ranked([best, *seen])[0]
 
     def _siblings(self, best: Hypothesis, screening: Screening) -> list[list[Part]]:
@@ -400,6 +403,18 @@ class DecaySearch(Search):
         for i, part in enumerate(best.effects):
             for name in sorted(look_alikes(part.effect.name, self.options.catalogue) - used):
                 if name in singles:
-                    other = self._part(singles[name], screening)
+                    other = self._sibling(part, singles[name], screening)
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
         return trials
+
+    def _sibling(self, part: Part, other: Screened, screening: Screening) -> Part:
+        """One effect in the place of another; a tone in that of a tone, at its frequency.
+
+        Lines that a fit came to need not be among those of the screening.
+        """
+        if not (isinstance(part.effect, TONES) and isinstance(other.effect, TONES)):
+            return self._part(other, screening)
+        effect, known = other.effect.forms(screening.scales)[0], screening.scales
+        values = {p.name: effect.value(p.name) for p in effect.parameters(known)}
+        values["frequency"] = part.effect.value("frequency")
+        return Part.of(effect, known, len(self.records), list(values.values()))
