@@ -41,7 +41,12 @@ from romsindy.diagnosis.on_beam.release import (
     rung_by,
     simulated,
 )
-from romsindy.diagnosis.on_beam.within_tolerances import Opened, beam_with, on_the_beam
+from romsindy.diagnosis.on_beam.within_tolerances import (
+    Opened,
+    beam_with,
+    linear,
+    on_the_beam,
+)
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.rounds import Names, Outcome, Rounds, names_of, undecided
 from romsindy.diagnosis.structure import Corrected, as_measured, key_of
@@ -374,7 +379,8 @@ class BeamRounds(Rounds):
     ) -> dict[Names, Heard]:
         """What all sensors say of explanations, and of values alone.
 
-        Where these were found, took turns with nothing, and leave noise, nothing else is asked.
+        Where these were found, took turns with nothing, and leave noise, only what was as likely is
+        asked, but for linear parts: higher modes are known no better than the values beside these.
         """
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
@@ -382,7 +388,8 @@ class BeamRounds(Rounds):
         found: list[TriedOnBeam | None] = [alone]
         sole = not (report.best.effects or self.doubtful)
         if sole and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
-            asked = ()
+            told = set(map(names_of, report.rivals))
+            asked = [h for h in asked if names_of(h) in told and not linear(h.effects)]
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
