@@ -389,9 +389,10 @@ class DecaySearch(Search):
             if not new:
                 return seen
             tried += [names for names, _ in new]
-            toned = [t for names, t in new if names & {e.name for e in TONES}]
-            seen += self.fitted([t for _, t in new if t not in toned])
-            # A tone leaves the motion as it is.
+            tones = {e.name for e in TONES} - {p.effect.name for p in best.effects}
+            seen += self.fitted([t for names, t in new if not names & tones])
+            # Where a tone stands for another the motion is what it was.
+            toned = [t for names, t in new if names & tones]
             seen += map(self.settled, self.fitted(toned, best.solution.motions))
             best = self.ranked([best, *seen])[0]
 
