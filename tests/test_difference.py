@@ -131,6 +131,16 @@ def test_standard_errors_are_the_scatter_over_seeds(colour, cycles):
     assert sum(d.exceeds(TOLERANCE) for d in all_of_them) <= chance
 
 
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_noise_is_no_difference_of_short_parts(colour):
+    """Thirty parts of 150 cycles, of which sixteen have nine: as of 14, one record in ten."""
+    t = np.arange(0, 30, 0.0025)
+    x = signal(zeta=0.002, t=t)
+    found = [difference(record(x, 0.01, seed, colour, t), x) for seed in range(20)]
+    assert len(found[0].parts) == 30
+    assert sum(d.exceeds(TOLERANCE) for d in found) <= {0.0: 1, 0.9: 2}[colour]
+
+
 def test_a_simulation_that_dies_is_compared_over_what_it_has():
     measured = record(noise=0.001)
     dying = np.where(T < 4, signal(frequency=5.05), 0.0)

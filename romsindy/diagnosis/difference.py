@@ -130,7 +130,7 @@ class Tolerance:
 
 _LEAST = 4  # cycles that are compared
 _SPAN = 6  # cycles of a part of a record, at least
-_LOOKS = 8  # parts of a record that `SURE` is for: of more each must be as much surer
+_LOOKS = 8  # parts of a record that `SURE` is for
 _BENT = 8  # from so many on, a difference may change steadily
 _LOUD = 4.0  # amplitude over the error of that of a cycle, from which on a cycle counts
 _SHARED = 0.03  # by how much the first cycle may be outside of the amplitudes of the simulation
@@ -406,9 +406,14 @@ def _difference(pair: _Pair, which: Indices, count: int = 1) -> Difference:
         float(np.sqrt(max(power, 0.0))),
         # Noise alone exceeds 3.5 halves of its rms as rarely as a normal error exceeds 3.5 of its
         # own: chi-square of seven values.
-        float(np.sqrt(noise_power)) / 2,
+        float(np.sqrt(noise_power) / 2 * norm.isf(_chance(count)) / SURE),
         pair.noise,
     )
+
+
+def _chance(count: int) -> float:
+    """How likely one of ``count`` parts of a record may be beyond `SURE` errors: of many, less."""
+    return float(norm.sf(SURE)) / max(count / _LOOKS, 1.0)
 
 
 def _apart(record: Record, simulated: Array) -> Difference:
@@ -436,7 +441,7 @@ def _fitted(
     """Value or slope of x at the weighted mean of the times, and its standard error.
 
     A polynomial follows what changes steadily; the scatter about it, with neighbours that err
-    alike, is the error. Of many parts, ``count`` that are looked at, each is wider.
+    alike, is the error: that of one of ``count`` parts of a record, see `_chance`.
     """
     degree = derivative + (1 if len(t) >= _BENT else 0)
     middle = np.average(t, weights=weight**2)
@@ -448,7 +453,7 @@ def _fitted(
     row = inverse[derivative] / scale**derivative
     variance = misfit @ misfit / freedom * (row @ row)
     # Few cycles know their own scatter badly.
-    widened = student.isf(norm.sf(SURE) / max(count / _LOOKS, 1.0), freedom) / SURE
+    widened = student.isf(_chance(count), freedom) / SURE
     alike = _alike(misfit, np.eye(len(t)) - basis @ inverse)
     return float(row @ (weight * x)), float(widened * np.sqrt(variance * (1 + alike) / (1 - alike)))
 
