@@ -23,11 +23,15 @@ from romsindy.record.files import load_recording
 
 _FILES = ("Report: ", "Model: ", "Saved: ")  # lines on what a command wrote, which is shown
 # As `python -m romsindy`, but that it can be stopped, too, where the page was begun in the
-# background: there no child hears of Ctrl-C.
-_COMMAND = """\
+# background (no child hears of Ctrl-C there), and while it loads.
+_COMMAND = f"""\
 import signal
-from romsindy.commands.main import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
+try:
+    from romsindy.commands.main import main
+except KeyboardInterrupt:
+    print("Interrupted.")
+    raise SystemExit({INTERRUPTED})
 main(prog_name="romsindy")
 """
 # What a simulation is, by the option that names it.

@@ -240,7 +240,7 @@ def test_where_no_motion_follows_the_regressions_are_left(run, monkeypatch):
     assert result.exit_code == 0, result.output
     assert "Regressions alone, without functions and bands: no motion" in result.output
     refused = run("identify", "--example", "--save", "found.json")
-    assert refused.exit_code != 0 and "Regressions alone" in refused.output
+    assert refused.exit_code == 2 and "Regressions alone" in refused.output
 
 
 def bad(name):

@@ -399,7 +399,8 @@ class Telling:
         words = [result.full()] if self.full else result.in_brief(_LINES)
         self._say([*words, *written])
         if self.save is not None and result.found is None:
-            raise click.ClickException(result.report.trouble)
+            click.echo(f"Error: {result.report.trouble}", err=True)
+            raise click.exceptions.Exit(INTERRUPTED if result.report.interrupted else REFUSED)
 
     def _tell_all(self, results: Sequence[Result | Refused], overview: Path) -> None:
         """Print the table, and write the page of all files."""
