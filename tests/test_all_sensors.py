@@ -280,25 +280,14 @@ def test_explanations_that_take_turns_are_told_together():
     assert family_of([density.names, ("viscous",)]) is None
 
 
-def test_of_values_that_leave_noise_only_forces_as_likely_are_asked(monkeypatch):
-    """Linear parts do to all modes what values do; a stop was far less likely."""
-
-    def of(*names):
-        effects = tuple(SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names)
-        return SimpleNamespace(names=names, effects=effects)
-
-    def tried(h, *_):
-        return SimpleNamespace(names=frozenset(h.names), left=np.zeros(1), rms=1.0)
-
-    monkeypatch.setattr(beam_rounds, "noise_of", lambda misfit, read: 1.0)
-    monkeypatch.setattr(beam_rounds, "weigh", lambda tried, read, seen: tried)
-    nothing = dict.fromkeys(("records", "raw", "calm"), ()) | {"n_training": 0, "seen": None}
-    rounds = SimpleNamespace(**nothing, doubtful={}, with_modes={}, _without=tried, _tried=tried)
-    rounds.options = SimpleNamespace(progress=lambda text: None)
-    values, magnet, dashpot, stop = of(), of("magnet"), of("viscous"), of("stop")
-    report = SimpleNamespace(best=values, base=values, rivals=(values, magnet, dashpot))
-    heard = beam_rounds.BeamRounds.heard(rounds, report, [magnet, dashpot, stop], None)
-    assert set(heard) == {frozenset(), frozenset({"magnet"})}
+@pytest.mark.parametrize(
+    ("simulated", "along", "least"), [(1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (None, 3.0, 3.0)]
+)
+def test_values_alone_leave_what_is_less(simulated, along, least):
+    """As any explanation, or along the measured first mode: neither way is held against them."""
+    both = (x if x is None else SimpleNamespace(rms=x) for x in (simulated, along))
+    rounds = SimpleNamespace(_tried=lambda *_: next(both), _along=lambda *_: next(both))
+    assert beam_rounds.BeamRounds._alone(rounds, None, [], None).rms == least
 
 
 def test_what_a_structure_cannot_have_is_not_named_on_it_alone():

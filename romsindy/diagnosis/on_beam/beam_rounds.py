@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 
 from romsindy.beam.beam import Beam
-from romsindy.diagnosis.all_sensors import Readings, followed, noise_of
+from romsindy.diagnosis.all_sensors import Readings, followed
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.found import family_of
 from romsindy.diagnosis.gap import HELD_OUT, name_of
@@ -44,7 +44,6 @@ from romsindy.diagnosis.on_beam.release import (
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Opened,
     beam_with,
-    linear,
     on_the_beam,
 )
 from romsindy.diagnosis.report import DiagnosisReport
@@ -377,19 +376,10 @@ class BeamRounds(Rounds):
     def heard(
         self, report: DiagnosisReport, asked: Sequence[Hypothesis], slack: Latitude
     ) -> dict[Names, Heard]:
-        """What all sensors say of explanations, and of values alone.
-
-        Where these were found, took turns with nothing, and leave noise, only what was as likely is
-        asked, but for linear parts: higher modes are known no better than the values beside these.
-        """
+        """What all sensors say of explanations, and of values alone."""
         rows = list(zip(self.records, self.raw, self.calm, strict=True))[: self.n_training]
         read = [self._read(*row) for row in rows]
-        alone = self._without(report.base, read, slack)
-        found: list[TriedOnBeam | None] = [alone]
-        sole = not (report.best.effects or self.doubtful)
-        if sole and noise_of(float(np.sum(alone.left**2)), read) == 1.0:
-            told = set(map(names_of, report.rivals))
-            asked = [h for h in asked if names_of(h) in told and not linear(h.effects)]
+        found: list[TriedOnBeam | None] = [self._alone(report.base, read, slack)]
         for h in asked:
             self.options.progress(f"all sensors beside {' + '.join(h.names)}")
             found.append(self._tried(h, read, slack))
@@ -493,7 +483,16 @@ class BeamRounds(Rounds):
         start = release.state or start
         return _Begun(start, release, ringing(beam, start, release, modes, own.dt))
 
-    def _without(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
+    def _alone(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
+        """The beam with values alone, which leaves the less of two.
+
+        As any explanation; where something acts its first mode soon moves otherwise: it may move
+        as it was measured, which is as exact as the other modes follow it.
+        """
+        both = self._tried(base, read, slack), self._along(base, read, slack)
+        return min((t for t in both if t is not None), key=lambda t: t.rms)
+
+    def _along(self, base: Hypothesis, read: Sequence[Readings], slack: Latitude) -> TriedOnBeam:
         """The beam with values alone, along the first mode as that was measured."""
         opened, starts, measured = Opened.of(base, self.unseen), [], []
         for i, own in enumerate(read):
