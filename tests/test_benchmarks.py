@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -447,6 +447,25 @@ def test_trials_of_what_is_mounted_hide_each_in_turn(benchmark):
     # What can stretch has a modulus beside its stiffness.
     called = [benchmark._called("modulus", supports) for supports in ("clamped", "cantilever")]
     assert called == ["modulus", "bending_stiffness"]
+
+
+@benchmark_of("tellable")
+def test_a_clamp_does_to_every_mode_what_a_softer_material_does(benchmark):
+    """First order: 2 c EI/L of each frequency, as its curvature at the clamp says."""
+    plain = benchmark.BeamTruth("cantilever", 0.45, 0.025, 1e-3, 210e9, 7800.0, 0.3, 1e-5)
+    exact, compliance = asdict(plain), 0.002
+    softer = exact | {"compliance": compliance}
+    shift = benchmark.hidden(softer) - benchmark.at_rest(benchmark.beam_of(exact))
+    first_order = -2 * compliance * 210e9 * 0.025 * 1e-9 / 12 / 0.45
+    # its second order is less than ten times the square
+    assert shift[:3] == pytest.approx([first_order] * 3, abs=10 * first_order**2)
+    one, three = benchmark.distances(exact, softer, 6)
+    # length, thickness, density, modulus: their powers in the frequency, and tolerances
+    spread = np.hypot.reduce([2 * 0.001, 0.004, 0.005 / 2, 0.01 / 2])
+    assert one == pytest.approx((first_order / spread) ** 2, rel=0.05)
+    mass = {"kind": "mass", "at": 0.225, "values": {"mass": 0.001}}
+    heavier = exact | {"forces": [mass]}
+    assert one < three < benchmark.NAMED < benchmark.distances(exact, heavier, 6)[1]
 
 
 @benchmark_of("marked")
