@@ -126,23 +126,6 @@ def test_likelihood_is_that_of_a_dense_gaussian():
         assert np.all(np.abs(step - best) < 0.05 * errors)
 
 
-def test_a_shape_takes_no_strength_along_to_zero():
-    """By hand: along the valley of both the least is where the strength is smaller by 2."""
-    known = scales([Record.of(wandering(1, 0.0), 1e-3)])
-    maxwell = Part.of(EFFECTS["maxwell"], known, 1, (0.1,))
-    part = replace(maxwell, strengths=np.ones((1, 1)))
-    unit = 0.05 * part.shape[0]
-    columns = np.eye(5, 4)
-    columns[:, 1] = (columns[:, 0] + 0.1 * columns[:, 1]) / unit
-    table = np.column_stack([columns, 0.2 * np.eye(5)[1]])
-    marginal = Marginal((part,), 1, table.T @ table, np.zeros((5, 0)), np.zeros(0))
-    # The strength alone has no say in what is left.
-    assert_allclose(marginal.solve(0.0)[1], 0.0, atol=1e-9)
-    larger = replace(part, strengths=np.full((1, 1), 3.0))
-    step = replace(marginal, parts=(larger,)).solve(0.0)[1]
-    assert_allclose(step[:2] / [1, unit], [-2.0, 2.0], rtol=1e-3)
-
-
 def test_without_form_error_it_is_the_chi_square():
     hypothesis, records = fitted([wandering(1, 0.0), wandering(2, 0.0)], "quadratic_drag")
     solution = hypothesis.solution

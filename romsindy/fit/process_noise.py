@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import t
 
 from romsindy.fit.kernel.collocation import GROWN, Trajectory, TrajectoryError
@@ -269,24 +269,7 @@ class Marginal:
         """The equations, and the change of all values and states that solves them."""
         system = self.equations(jump, excess)
         held = held_values(self.parts, fixed=False, first=False)
-        step = system.bounded_step(held, *limits(self.parts))
-        if np.any(lost := self._lost(step)):
-            step = system.bounded_step(held | lost, *limits(self.parts))
-        return system, step
-
-    def _lost(self, step: Array) -> NDArray[np.bool_]:
-        """Shapes of parts that a step takes to a strength of zero.
-
-        A shape that goes far along the valley that it has with the strength does that, where the
-        equations are not linear any more; without a strength it would tell nothing.
-        """
-        lost, at = np.zeros(sum(p.size for p in self.parts), bool), 0
-        for p in self.parts:
-            shape = at + p.strengths.size
-            after = p.strengths.ravel() + step[at:shape]
-            lost[shape : at + p.size] = np.any(p.strengths) and not np.any(after)
-            at += p.size
-        return lost
+        return system, system.bounded_step(held, *limits(self.parts))
 
     def cost(self, jump: float, excess: float = 1.0) -> float:
         """Minus twice the logarithm of the likelihood of the best values, up to a constant."""
