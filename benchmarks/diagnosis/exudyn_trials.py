@@ -29,6 +29,7 @@ from romsindy.beam.structure import Spring as OwnSpring
 from romsindy.effects import PointMass
 
 ELEMENTS, FINER = 12, 3
+_ATTEMPTS = 5  # at a beam that Exudyn can hold and move
 
 
 @dataclass(frozen=True)
@@ -192,13 +193,13 @@ def _other_spring(truth, length: float, error: Callable[[str], float]):
     )
 
 
-def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
-    """One trial and its truth."""
+def drawn(kind: str, seed: int, attempt: int = 0) -> tuple[BeamTrial, dict]:
+    """One trial and its truth; another of the same seed and effect for each further attempt."""
     from exudyn_beam import ExudynBeam  # an extra: rows that are stored do without
 
     nothing = kind.endswith("_null")
     how = KINDS[kind.removesuffix("_null")]
-    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed, *range(1, attempt + 1)])
     supports = how.supports[int(rng.integers(len(how.supports)))]
     plain = nominal(supports, rng)
     length, elements = plain.length, FINER * ELEMENTS
@@ -332,7 +333,7 @@ def beam_trial(kind: str, seed: int, folder: Path) -> tuple[BeamTrial, dict]:
     """A trial and its truth, made and stored if it is not there."""
     path, hidden = folder / f"{kind}_{seed}.npz", folder / "truth" / f"{kind}_{seed}.json"
     if not path.is_file():
-        trial, truth = drawn(kind, seed)
+        trial, truth = _made(kind, seed)
         hidden.parent.mkdir(parents=True, exist_ok=True)
         hidden.write_text(json.dumps(truth))
         arrays = {f"y{i}": y for i, y in enumerate(trial.readings)}
@@ -341,6 +342,18 @@ def beam_trial(kind: str, seed: int, folder: Path) -> tuple[BeamTrial, dict]:
         readings = [content[f"y{i}"] for i in range(len(content.files) - 2)]
         told, dt = json.loads(str(content["told"])), float(content["dt"])
     return BeamTrial(dt, readings, told), json.loads(hidden.read_text())
+
+
+def _made(kind: str, seed: int) -> tuple[BeamTrial, dict]:
+    """The first attempt that Exudyn finishes: some bent shapes its statics cannot hold."""
+    from exudyn import ExudynError
+
+    for attempt in range(_ATTEMPTS - 1):
+        try:
+            return drawn(kind, seed, attempt)
+        except ExudynError as error:
+            print(f"{kind} {seed}: drawn again, since Exudyn says: {error}", flush=True)
+    return drawn(kind, seed, _ATTEMPTS - 1)
 
 
 def main() -> None:
