@@ -18,13 +18,14 @@ import laws
 import memory
 import numpy as np
 import outside
+import strangers
 from hidden import Hidden, Setting
 from noises import KINDS, MAINS, filtered, noises
 from oscillator import Nominal, motion
 
 import romsindy as rs
 
-MAKERS = {**laws.MAKERS, **memory.MAKERS, **outside.MAKERS, **memory.OUTSIDE}
+MAKERS = {**laws.MAKERS, **memory.MAKERS, **outside.MAKERS, **strangers.MAKERS}
 IN_CATALOGUE = tuple(
     n for n in (*laws.MAKERS, *memory.MAKERS, *outside.MAKERS) if n != "bias"
 )  # the zero of a displacement is removed before anything is compared
@@ -248,7 +249,7 @@ def chosen(kind: str, seed: int) -> tuple[list[str], str, str]:
         return [], "none", kind.removeprefix("null_")
     noise = str(rng.choice(KINDS))
     if kind == "outside":
-        name = list(memory.OUTSIDE)[seed % len(memory.OUTSIDE)]
+        name = list(strangers.MAKERS)[seed % len(strangers.MAKERS)]
         return [name], str(rng.choice(["medium", "strong"])), noise
     if kind == "two":
         groups = rng.permutation(len(GROUPS))[:2]

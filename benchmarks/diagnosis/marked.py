@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Collection
 from typing import Any
 
-from memory import OUTSIDE
+import strangers
 from score import Said, marks, of_a_stranger
 
 
@@ -37,7 +37,7 @@ def asked_of(
         where = traceback.extract_tb(e.__traceback__)[-1].name
         found = {"said": Said("failed", (), ()), "error": f"{type(e).__name__} in {where}: {e}"}
     said = found.pop("said")
-    stranger = hidden and hidden[0] in OUTSIDE
+    stranger = hidden and hidden[0] in strangers.MAKERS
     judged = of_a_stranger(said) if stranger else marks(said, hidden, excused)
     return {**known, **vars(said), **judged, "seconds": time.perf_counter() - start, **found}
 

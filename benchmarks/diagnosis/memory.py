@@ -8,7 +8,7 @@ import numpy as np
 from hidden import Hidden, Setting, harmonic
 
 
-def _scaled(name: str, at: Setting, truth: dict, force, rates, states: int, start=None) -> Hidden:
+def scaled(name: str, at: Setting, truth: dict, force, rates, states: int, start=None) -> Hidden:
     """A force k force(q, v, z) of the strength that is asked for."""
     k = at.strength_of(*harmonic(force, rates, states))
     return Hidden(
@@ -27,7 +27,7 @@ def _bouc_wen(name, at):
         y = z[0]
         return [v - beta * (abs(v) * abs(y) ** (n - 1) * y + ratio * v * abs(y) ** n)]
 
-    return _scaled(name, at, {"beta": beta, "n": n}, lambda q, v, z: z[0], rates, 1)
+    return scaled(name, at, {"beta": beta, "n": n}, lambda q, v, z: z[0], rates, 1)
 
 
 def _follows(q, v, slider, half):
@@ -44,7 +44,7 @@ def _play(name, at):
     def force(q, v, z):
         return math.copysign(max(abs(q - z[0]) - half, 0.0), q - z[0])
 
-    return _scaled(name, at, {"half": half, "limit": limit}, force, rates, 1, lambda q: [q])
+    return scaled(name, at, {"half": half, "limit": limit}, force, rates, 1, lambda q: [q])
 
 
 def _joint(name, at):
@@ -61,20 +61,20 @@ def _joint(name, at):
     def rates(q, v, z):
         return [_follows(q, v, y, limit) for y, limit in zip(z, limits, strict=True)]
 
-    return _scaled(name, at, {"largest": largest, "chi": chi}, force, rates, n, lambda q: [q] * n)
+    return scaled(name, at, {"largest": largest, "chi": chi}, force, rates, n, lambda q: [q] * n)
 
 
 def _slider(name, at):
     """One spring in series with a slider (Jenkins)."""
     limit = at.rng.uniform(0.08, 0.6)
     rates = lambda q, v, z: [_follows(q, v, z[0], limit)]  # noqa: E731
-    return _scaled(name, at, {"limit": limit}, lambda q, v, z: q - z[0], rates, 1, lambda q: [q])
+    return scaled(name, at, {"limit": limit}, lambda q, v, z: q - z[0], rates, 1, lambda q: [q])
 
 
 def _maxwell(name, at):
     tau = math.exp(at.rng.uniform(math.log(0.3), math.log(3)))
     rates = lambda q, v, z: [v - z[0] / tau]  # noqa: E731
-    return _scaled(name, at, {"tau": tau}, lambda q, v, z: z[0], rates, 1)
+    return scaled(name, at, {"tau": tau}, lambda q, v, z: z[0], rates, 1)
 
 
 def _tuned_mass(name, at):
@@ -91,85 +91,6 @@ def _tuned_mass(name, at):
     return Hidden(name, truth, force, start=lambda q: [q, 0.0], rates=rates)
 
 
-# -- outside every catalogue ---------------------------------------------------------------------
-
-
-def _fractional(name, at):
-    """Damping c D^alpha q, as relaxation times over four decades about the vibration."""
-    alpha, n = at.rng.uniform(0.25, 0.75), 14
-    s = np.logspace(-2.3, 1.7, n)
-    weight = s**alpha * np.log(s[1] / s[0]) * math.sin(math.pi * alpha) / math.pi
-    force = lambda q, v, z: float(weight @ z)  # noqa: E731
-    rates = lambda q, v, z: list(v - s * z)  # noqa: E731
-    shift, zeta = (
-        float(np.sum(weight / (1 + s**2))) / 2,
-        float(np.sum(weight * s / (1 + s**2))) / 2,
-    )
-    k = at.strength_of(shift, zeta)
-    return Hidden(
-        name,
-        {"strength": k, "alpha": alpha},
-        lambda t, q, v, side, z: k * force(q, v, z),
-        start=lambda q: [0.0] * n,
-        rates=lambda t, q, v, z: rates(q, v, np.asarray(z)),
-    )
-
-
-def _pendulum(name, at):
-    """A pendulum of half the frequency that the vibration of its pivot sets swinging."""
-    w, zeta = 0.5 * at.rng.uniform(0.96, 1.04), at.rng.uniform(0.004, 0.012)
-    length, mu = at.rng.uniform(1.6, 3.0), 4 * at.frequency
-    first = at.rng.uniform(0.05, 0.2)
-
-    def couple(q, v, force, mass, z):
-        angle, speed = z
-        sine, cosine = math.sin(angle), math.cos(angle)
-        pull = w * w * sine + 2 * zeta * w * speed
-        moved = mu * length * (pull * sine - speed * speed * cosine)
-        a = (moved - force) / (mass + mu * cosine * cosine)
-        return a, [speed, -pull - a / length * sine]
-
-    truth = {"mu": mu, "frequency": w, "length": length}
-    return Hidden(name, truth, start=lambda q: [first, 0.0], couple=couple)
-
-
-def _pinched(name, at):
-    """Hysteresis that slips near zero force (Baber and Noori 1985)."""
-    beta, n = at.rng.uniform(1.5, 4), at.rng.uniform(1, 1.5)
-    depth, width, offset = at.rng.uniform(0.7, 0.92), at.rng.uniform(0.1, 0.25), 0.05
-
-    def rates(q, v, z):
-        y = z[0]
-        slip = 1 - depth * math.exp(-(((math.copysign(y, y * v) - offset) / width) ** 2))
-        return [slip * (v - beta * (abs(v) * abs(y) ** (n - 1) * y + 0.3 * v * abs(y) ** n))]
-
-    return _scaled(name, at, {"beta": beta, "depth": depth}, lambda q, v, z: z[0], rates, 1)
-
-
-def _particle(name, at):
-    """A loose mass that knocks against the walls of its box."""
-    half, mu = at.rng.uniform(0.15, 0.4), 0.5 * at.strength_of(0.25, 0.1)
-    k, c = 60.0**2, 2 * at.rng.uniform(0.1, 0.4) * 60.0
-
-    def wall(q, v, z):
-        deep = z[0] - q - math.copysign(half, z[0] - q)
-        touches = abs(z[0] - q) > half
-        return k * deep + c * (z[1] - v) if touches else 0.0
-
-    force = lambda t, q, v, side, z: -mu * wall(q, v, z)  # noqa: E731
-    rates = lambda t, q, v, z: [z[1], -wall(q, v, z)]  # noqa: E731
-    truth = {"mu": mu, "half": half}
-    return Hidden(name, truth, force, start=lambda q: [q, 0.0], rates=rates, longest=0.1)
-
-
-def _breathing(name, at):
-    """Stiffness that comes and goes with a slow period."""
-    k, w = 2 * at.frequency, 1 / at.rng.uniform(8, 30)
-    phase = at.rng.uniform(0, 2 * math.pi)
-    force = lambda t, q, v, side, z: k * math.cos(w * t + phase) * q  # noqa: E731
-    return Hidden(name, {"strength": k, "frequency": w}, force)
-
-
 MAKERS = {
     "bouc_wen": _bouc_wen,
     "play": _play,
@@ -177,11 +98,4 @@ MAKERS = {
     "jenkins": _slider,
     "tuned_mass": _tuned_mass,
     "maxwell": _maxwell,
-}
-OUTSIDE = {
-    "fractional": _fractional,
-    "pendulum_absorber": _pendulum,
-    "pinched": _pinched,
-    "particle_damper": _particle,
-    "breathing": _breathing,
 }
