@@ -14,11 +14,13 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, expm
 
 import romsindy as rs
+from romsindy.diagnosis import residual_report, workflow
 from romsindy.diagnosis.decay_search import ProcessNoise
 from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, offsets, weights
 from romsindy.diagnosis.gap import foretold
-from romsindy.diagnosis.verdict import Explanation, Rule
+from romsindy.diagnosis.search import Finding
+from romsindy.diagnosis.verdict import Answer, Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.kernel.gauss_newton import fit
 from romsindy.fit.kernel.part import Part
@@ -348,6 +350,32 @@ def test_values_within_tolerances_do_not_hide_an_effect_that_is_as_likely():
     assert told(8.0) == ("ambiguous", ("drag",))
     # ... where they differ by more than matters, and by how much values may be off is known.
     assert told(6.0, beyond=False) == told(6.0, exact=True) == ("none", ())
+
+
+@pytest.mark.parametrize(
+    ("said", "moved", "pliable"),
+    [
+        (("bouc_wen",), (), False),
+        (("bouc_wen", "stop"), (), True),
+        (("micro_slip",), ("linear_frequency",), True),
+        (("micro_slip", "mains_hum"), (), False),  # lines of their own
+        (("quadratic_drag", "stop"), ("viscous",), False),
+    ],
+)
+def test_a_loop_with_something_beside_it_is_not_named(said, moved, pliable):
+    """It takes the shape of laws that are on no list."""
+    unsure = LinearFrequency(), Viscous()
+    parts = [SimpleNamespace(effect=e) for e in (*unsure, *(EFFECTS[n] for n in said))]
+    blamed = (*range(2, len(parts)), *(i for i, e in enumerate(unsure) if e.name in moved))
+    found = SimpleNamespace(effects=parts[2:], n_free=2, blamed=blamed)
+    assert Hypothesis.pliable.fget(found) is pliable
+    best = SimpleNamespace(pliable=pliable, effects=(), moved=(), names=said, sureness=9.0)
+    answer = Answer("named", SimpleNamespace(lacking=True, hypothesis=best))
+    outcome = Finding([best], [best], best)
+    assert workflow._verdict(answer, outcome, [best]) == ("ambiguous" if pliable else "named")
+    left = [SimpleNamespace(explained=True, ratio=1.0)]
+    driven = residual_report._verdict(outcome, SimpleNamespace(closed=1.0), left, False)
+    assert driven == ("ambiguous" if pliable else "named")
 
 
 def test_values_of_the_model_come_before_effects():

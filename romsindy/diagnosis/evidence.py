@@ -24,6 +24,7 @@ from scipy.stats import chi2
 
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, ReadingEffect
+from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Bias, Gain, InputDistortion, SensorNonlinearity
 from romsindy.fit.adequacy.verdicts import examine_white
 from romsindy.fit.kernel.gauss_newton import fit
@@ -426,6 +427,17 @@ class Hypothesis:
     def names(self) -> tuple[str, ...]:
         """Names of what is missing."""
         return tuple(self.parts[i].effect.name for i in self.blamed)
+
+    @property
+    def pliable(self) -> bool:
+        """Whether a force that remembers is said to be missing beside something else.
+
+        Such laws are fits of loops: with one thing more they take the shape of many that are on no
+        list.
+        """
+        missing = [p.effect for p in self.effects if p.effect.structural]
+        moved = any(i < self.n_free for i in self.blamed)
+        return len(missing) + moved > 1 and any(isinstance(e, MemoryEffect) for e in missing)
 
     @property
     def said(self) -> set[str]:

@@ -262,6 +262,8 @@ class Explained(Written):
                 " One cause may stand behind both, such as a viscoelastic support or a small mass"
                 " that vibrates along; decays at another frequency would tell."
             )
+        elif self.verdict == "ambiguous" and self.best.pliable:
+            also += " Another law, which is on no list, may do what they do together."
         return f"{found}{odds}. {self._closing(closes)}{self._small}{also}"
 
     @property

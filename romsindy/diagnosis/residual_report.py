@@ -361,5 +361,5 @@ def _verdict(found: Finding, gap: ResidualGap, tells: Sequence[Adequacy], kept: 
         return "unknown"
     if not best.names:
         return "none"
-    several = len(found.rivals) > 1 or len(best.moved) > 1 or found.interrupted
+    several = len(found.rivals) > 1 or len(best.moved) > 1 or best.pliable or found.interrupted
     return "ambiguous" if several or best.sureness < NAMED_ABOVE else "named"

@@ -255,7 +255,8 @@ def _verdict(answer: Answer, found: Finding, rivals: Sequence[Hypothesis]) -> Ve
     best = chosen.hypothesis
     # Of values of the model several are no headline; what it lacks is, whatever moved beside it.
     several = not chosen.lacking and len(best.blamed if not best.effects else best.moved) > 1
-    if answer.verdict == "named" and (several or len(rivals) > 1 or found.interrupted):
+    several |= len(rivals) > 1 or best.pliable
+    if answer.verdict == "named" and (several or found.interrupted):
         return "ambiguous"
     return answer.verdict
 

@@ -168,7 +168,8 @@ class SimulatorRounds(Rounds):
         weighed = InSimulator(report.best.weighed, more, variances, asked, sole)
         best = replace(report.best, weighed=weighed)
         rivals = tuple(best if h is report.best else h for h in report.rivals)
-        sure = sole and len(rivals) == 1 and best.sureness >= NAMED_ABOVE
+        sole &= len(rivals) == 1 and not best.pliable
+        sure = sole and best.sureness >= NAMED_ABOVE
         verdict = "named" if sure and report.verdict == "ambiguous" else report.verdict
         return replace(report, best=best, rivals=rivals, verdict=verdict) if more else report
 
