@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ from romsindy.diagnosis.on_beam.all_sensors import (
 )
 from romsindy.diagnosis.on_beam.beam_rounds import BeamRounds
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
-from romsindy.diagnosis.on_beam.mounted import points
+from romsindy.diagnosis.on_beam.mounted import mounted_effects, points
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,
@@ -33,10 +33,13 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.release import OnBeam, bending, read_release
 from romsindy.diagnosis.on_beam.within_tolerances import (
+    Masked,
     adjusted,
     beam_with,
     directions,
+    hidden_in_words,
     in_words,
+    masked,
     position_error,
 )
 from romsindy.diagnosis.on_beam.workflow import calibrated
@@ -245,6 +248,103 @@ def test_parameters_that_do_the_same_are_one(own):
     )
     section = beam_with(BEAM, [part]).section
     assert section.EI / BEAM.section.EI - 1 == pytest.approx(0.01, rel=0.02)
+
+
+def test_what_values_within_tolerances_may_hide():
+    """Of a bare cantilever in closed form, with phi(L)^2 = 4 / (rho A L) and s = 1.96.
+
+    E I known to 2 % hides a mass at the tip of 0.02 s / phi^2; and a compliance of its clamp of
+    0.02 s L / (4 E I), for the square of its curvature there is four times the mean. Damping alpha
+    known to 10 % hides a dashpot at the tip of 0.1 s alpha / phi^2. The clamp does not change the
+    shape that alpha damps; the mass does, which counts for a little of the damping.
+    """
+    plain = replace(PLAIN, elements=16, alpha=0.4, eta=0.0)
+    seen = InstrumentedBeam(plain, plain.sensors([Sensor(x) for x in PLACES]))
+    (bending,) = parameter_effects(seen, 0.016, names=("bending_stiffness",))
+    alpha = damping_effects(seen.curve(0.016))[0]
+    known = {"bending_stiffness": 0.02, "mass_damping": 0.1 * plain.alpha}
+    scales = Scales(0.016, 38.0, 3.0)
+    parts = [Part.of(replace(e, tolerance=known[e.name]), scales, 1) for e in (bending, alpha)]
+    effects = [
+        *parameter_effects(seen, 0.016, names=("clamp_compliance", "added_mass")),
+        *mounted_effects(seen.curve(0.016), [Damper()]),
+    ]
+
+    def hidden(stiffer=0.0, but=()):
+        moved = replace(parts[0], strengths=np.array([[stiffer]])), parts[1]
+        found = masked(seen, SimpleNamespace(parts=moved, n_free=2), effects, {*known, *but})
+        return {m.name: m.most for m in found}
+
+    lift, stiffness = 4 / (plain.section.mass * plain.length), plain.section.EI
+    clamp = 0.02 * 1.96 * plain.length / (4 * stiffness)
+    assert hidden() == {
+        "clamp_compliance": pytest.approx(clamp, rel=0.01),
+        "added_mass": pytest.approx(0.02 * 1.96 / lift, rel=0.03),
+        "viscous": pytest.approx(0.1 * 1.96 * plain.alpha / lift, rel=0.01),
+    }
+    # A frequency that is lower by half a standard deviation asks for as much of a clamp.
+    lower = hidden(-0.01)["clamp_compliance"]
+    assert lower == pytest.approx(clamp * (1 + 0.5 / 1.96), rel=0.02)
+    assert hidden(0.05, but=["viscous"]) == {}  # higher by more: there is no such clamp or mass
+    first, second = Masked("a", "a clamp", 0.0123, "rad/(N m)"), Masked("b", "a mass", 2.0, "kg")
+    assert hidden_in_words([first, second]) == [
+        "Values within tolerances may hide from the first mode: a clamp, up to 0.012 rad/(N m) or"
+        " a mass, up to 2 kg."
+    ]
+    assert hidden_in_words([]) == []
+
+
+def test_beside_values_beyond_their_tolerances_a_clamp_is_told():
+    """Of several that leave as little: what is linear, and no value of the beam in other words."""
+
+    @dataclass(frozen=True)
+    class Said:
+        verdict: str
+        best: SimpleNamespace
+        compared: tuple
+        rivals: tuple = ()
+
+    def of(effect, misfit=0.0, elsewhere=0.0):
+        part = SimpleNamespace(effect=effect)
+        return SimpleNamespace(
+            names=(effect.name,), effects=(part,), misfit=misfit, misfit_elsewhere=elsewhere
+        )
+
+    names = ("density", "added_mass", "clamp_compliance")
+    known = {e.name: e for e in parameter_effects(SEEN, 0.016, names=names)}
+    density, mass, clamp = (known[n] for n in names)
+    drag = SimpleNamespace(name="quadratic_drag")
+    values = SimpleNamespace(
+        names=("tolerances_1",), effects=(), beyond=("tolerances_1",), misfit=0.0,
+        misfit_elsewhere=1.0,
+    )  # fmt: skip
+    kept, other_modes, worse = of(clamp, 7.9), of(mass, 0.0, 8.1), of(mass, 8.1)
+    said = Said("named", values, (values, kept, other_modes, worse, of(density), of(drag)))
+    told = BeamRounds.no_less(None, said)
+    assert told.verdict == "ambiguous" and told.rivals == (kept,)
+    values.beyond = ()
+    assert BeamRounds.no_less(SimpleNamespace(seen=SEEN), said) is said
+
+
+def test_what_modes_of_a_beam_leave_that_is_known_to_tolerances_is_no_other_vibration(monkeypatch):
+    """They are a little off: no second mode is looked for beside them."""
+    sought = []
+
+    class Begun(Exception):
+        pass
+
+    def begin(self):
+        sought.append({e.name for e in self.general})
+        raise Begun
+
+    monkeypatch.setattr(BeamRounds, "begin", begin)
+    readings = SEEN.readings(BEAM, 0.016, 3.0, STEP)
+    measured = rs.Decay(STEP * np.arange(len(readings)), with_noise(readings, 40, 0), unit="m")
+    for tolerances in (None, {"sensor_positions": 0.001}, {"density": 0.01}):
+        with pytest.raises(Begun):
+            rs.diagnose(BEAM, measured, sensors=SEEN.sensors, tolerances=tolerances)
+    exact, places, known = sought
+    assert exact == places == known | {"second_mode"} and "mains_hum" in known
 
 
 def test_parameters_that_the_data_do_not_see_are_left_out(own):

@@ -25,6 +25,7 @@ from romsindy.diagnosis.on_beam.all_sensors import (
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam, points
 from romsindy.diagnosis.on_beam.parameters import (
+    ParameterEffect,
     can_be_anywhere,
     moved_to,
     place_now,
@@ -44,6 +45,7 @@ from romsindy.diagnosis.on_beam.release import (
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Opened,
     beam_with,
+    linear,
     on_the_beam,
 )
 from romsindy.diagnosis.report import DiagnosisReport
@@ -52,6 +54,7 @@ from romsindy.diagnosis.structure import Corrected, as_measured, key_of
 from romsindy.effects.base import Effect
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.record import Record, scales
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
@@ -64,6 +67,14 @@ _ELSEWHERE = 0.02  # of the length: so far from where it was taken to act
 # Times that open values are moved; radians of a higher mode that may be left, and that are few
 _MOVED, _TURNED, _ALIKE = 4, 0.1, 0.5
 _RINGS = 0.25  # times `ringing`: what a release may ring more
+
+
+def _as_little(h: Hypothesis, than: Hypothesis) -> bool:
+    """Whether something linear that no value of the beam stands for leaves as little as values."""
+    alone = len(h.effects) == 1 and len(h.names) == 1 and linear(h.effects)
+    kinds = (isinstance(p.effect, ParameterEffect) and not p.effect.sign for p in h.effects)
+    left, least = (x.misfit + x.misfit_elsewhere for x in (h, than))
+    return alone and not any(kinds) and left <= least + EQUIVALENT
 
 
 def _far(record: Record, signal: Array) -> float:
@@ -320,7 +331,15 @@ class BeamRounds(Rounds):
         return found, None if place is None else place.untold()
 
     def no_less(self, report: DiagnosisReport) -> DiagnosisReport:
-        """A report that tells what does exactly the same to this beam beside what it names."""
+        """A report that tells what does exactly the same to this beam beside what it names.
+
+        Beside values that are further off than their tolerances let expect it tells what is linear
+        and leaves as little: that one is likelier beforehand is no evidence.
+        """
+        if report.best.beyond and not report.best.effects:
+            return undecided(
+                report, {names_of(h): h for h in report.compared if _as_little(h, report.best)}
+            )
         alike = that_do_the_same(self.seen.beam)
         there = [
             h for h in (report.best, *report.compared) if 0 < len(h.names) and {*h.names} <= alike

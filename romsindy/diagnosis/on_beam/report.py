@@ -33,10 +33,12 @@ from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam
 from romsindy.diagnosis.on_beam.parameters import can_be_anywhere, that_do_the_same, where
 from romsindy.diagnosis.on_beam.within_tolerances import (
     Adjusted,
+    Masked,
     ParameterDirection,
     adjusted,
     beam_with,
     effects_of,
+    hidden_in_words,
     in_words,
     linear,
     on_the_beam,
@@ -162,6 +164,8 @@ class BeamReport(StructureReport):
         Where the effect acts, if it is one that can be anywhere.
     loud : tuple of str
         Records in which other modes change the motion of the first: only all sensors tell of them.
+    masked : tuple of Masked
+        What may be there although values within tolerances alone explain the measurement.
     with_modes : float or None
         What all sensors are left with, over the noise, where higher modes have the frequencies and
         the damping that fit best within what is known of them; None where that was not asked.
@@ -172,6 +176,7 @@ class BeamReport(StructureReport):
     slack: Latitude
     place: PlaceOnBeam | None = None
     loud: tuple[str, ...] = ()
+    masked: tuple[Masked, ...] = ()
     with_modes: float | None = None
 
     @property
@@ -266,7 +271,8 @@ class BeamReport(StructureReport):
         if place is not None and not (place.told or place.strengths):
             lines.append(f"Place: {place}.")
         moved = [e for e in self.reduced.within if e.label != ParameterDirection.label]
-        return "\n".join([*lines, *words.within(moved), *in_words(self.adjusted)])
+        hidden = hidden_in_words(self.masked)
+        return "\n".join([*lines, *words.within(moved), *in_words(self.adjusted), *hidden])
 
     def _placed(self, line: str) -> str:
         """A line on what is missing with its place as closely as the data tell it."""
@@ -292,6 +298,7 @@ class BeamReport(StructureReport):
             "adjusted": [vars(a) for a in self.adjusted],
             "place": None if self.place is None else vars(self.place),
             "loud": list(self.loud),
+            "masked": [vars(m) for m in self.masked],
             "with_modes": self.with_modes,
         }
 

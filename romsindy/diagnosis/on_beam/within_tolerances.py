@@ -7,11 +7,16 @@ nothing stay at zero. A fit knows one strength z for each vector v that is kept,
 
 What the first mode leaves open of these, and of what is missing, higher modes tell: they have
 frequencies and rates that other combinations move. The first mode is then the prior.
+
+A clamp that gives way lowers the frequency of the first mode, as a softer material does, so that
+values may hide it. To first order their changes x move this frequency and the rate of decay with
+the covariance S, and a unit of what is missing moves them by g. Where the measurement asks for the
+change d, it has the strength (g' S^-1 d) / (g' S^-1 g), with the variance 1 / (g' S^-1 g).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, cast
@@ -25,7 +30,7 @@ from romsindy.diagnosis.evidence import FAR, Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import OpenValues
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
-from romsindy.diagnosis.on_beam.parameters import ParameterEffect
+from romsindy.diagnosis.on_beam.parameters import PLACED_MASS, ParameterEffect
 from romsindy.diagnosis.search import screen
 from romsindy.diagnosis.structure import key_of
 from romsindy.effects import Gain, Viscous
@@ -36,12 +41,20 @@ from romsindy.fit.records.record import Record
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Combination
-from romsindy.text import two_digits
+from romsindy.text import listed, two_digits
 from romsindy.typing import Array
 
 _FELT = 0.3  # a combination that moves the readings by less, in standard deviations, is left out
 _CHANGE = 0.3  # standard errors, for what a change of a value does to higher modes
 _SHIFT = 1e-4  # of a sensor, for a difference, as a part of the length
+# Linear effects that a beam can have and that nobody thought of; values are known to tolerances.
+_LINEAR = ("clamp_compliance", PLACED_MASS, Viscous.name)
+_TOLD = 1.96  # standard errors of a strength
+# What a record tells of the frequency and the rate of the first mode at the best, relative; and of
+# a rate that is nearly none, over the frequency.
+_FREQUENCY, _RATE, _LEAST_RATE = 1e-5, 2e-3, 1e-6
+_SMALL = 1e-3  # changes of the logarithm of the frequency, for a difference
+_DAMPER = 1e-3  # N s/m: rates are linear in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,3 +339,75 @@ class Opened:
                     slopes[:, i] = (modes(tried.parts) - here) / there
                     break
         return OpenValues(slopes, self.known, self.off)
+
+
+@dataclass(frozen=True)
+class Masked:
+    """An effect that may be there although values within tolerances explain the measurement."""
+
+    name: str
+    label: str
+    most: float  # its strength is less, at 95 %
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.label}, up to {two_digits(self.most)} {self.unit}"
+
+
+def masked(
+    seen: InstrumentedBeam,
+    found: Hypothesis,
+    effects: Sequence[BeamEffect],
+    known: Collection[str],
+) -> tuple[Masked, ...]:
+    """What values within their tolerances may hide, the first of ``effects`` of each kind.
+
+    ``found`` explains the measurement by values alone; those of the names ``known`` have
+    tolerances.
+    """
+    beam, there = seen.beam, beam_with(seen.beam, found.parts)
+    usual = _first_mode(beam)
+    asked = _first_mode(there) - usual
+    off = np.reshape([_first_mode(x) - usual for x in _one_off(beam, found)], (-1, 2))
+    noise = np.array([_FREQUENCY, _RATE * usual[1] + _LEAST_RATE * np.exp(usual[0])])
+    weight = np.linalg.inv(off.T @ off + np.diag(noise**2))
+    first = {e.name: e for e in reversed(effects) if e.name in _LINEAR and e.name not in known}
+    hidden = []
+    for name in (n for n in _LINEAR if n in first):
+        effect = first[name]
+        step = _step(effect, beam)
+        by = (_first_mode(beam.with_effect(effect.on_beam(step))) - usual) / step
+        precision = float(by @ weight @ by)
+        most = float(by @ weight @ asked) / precision + _TOLD * precision**-0.5
+        if most > 0:
+            hidden.append(Masked(name, effect.label, most, effect.strength_unit(None)))
+    return tuple(hidden)
+
+
+def hidden_in_words(hidden: Sequence[Masked]) -> list[str]:
+    """A sentence; empty where there is nothing to tell."""
+    if not hidden:
+        return []
+    told = listed(hidden, "or")
+    return [f"Values within tolerances may hide from the first mode: {told}."]
+
+
+def _first_mode(beam: Beam) -> Array:
+    """Logarithm of its angular frequency, and its rate of decay, 1/s."""
+    found = ModesAtRest.of(beam, 1)
+    return np.array([np.log(found.omega[0]), found.rates[0]])
+
+
+def _one_off(beam: Beam, found: Hypothesis) -> Iterator[Beam]:
+    """The beam with each of the values a standard deviation off."""
+    for part in found.parts[: found.n_free]:
+        if isinstance(part.effect, BeamEffect) and part.tolerance is not None:
+            yield beam_with(beam, [replace(part, strengths=np.array([[part.tolerance]]))])
+
+
+def _step(effect: BeamEffect, beam: Beam) -> float:
+    """A strength for a difference: it changes the frequency, or the rate, by little."""
+    if not isinstance(effect, ParameterEffect):
+        return _DAMPER
+    omega2 = float(beam.modes(count=1).omega[0]) ** 2
+    return 2 * _SMALL * omega2 / abs(effect.linear_shift(omega2))

@@ -32,6 +32,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.within_tolerances import (
     ParameterDirection,
     directions,
+    masked,
     position_error,
     position_gains,
     slopes,
@@ -43,6 +44,7 @@ from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
+from romsindy.effects.outside import SecondMode
 from romsindy.fit.kernel.part import Part
 from romsindy.fit.records.arguments import free_names
 from romsindy.fit.records.record import Record, scales
@@ -95,7 +97,10 @@ def diagnose_beam(
     effects_at = partial(_effects, seen, curve, shift, options.catalogue)
     effects = effects_at()
     mounted = {e.name for e in effects}
-    general = [e for e in looked_for(options.catalogue, "beam") if e.name not in mounted]
+    tolerant = bool(near.keys() - {"sensor_positions"})
+    # A beam whose values are known to tolerances has other modes of its own that are a little off.
+    taken = mounted | ({SecondMode.name} if tolerant else set())
+    general = [e for e in looked_for(options.catalogue, "beam") if e.name not in taken]
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
@@ -108,7 +113,7 @@ def diagnose_beam(
         given = (raw, request.held_out is not None, unsure, general, options, starts, form)
         rounds = BeamRounds(OnBeam(seen), diagnose_model, model, records, *given)
         rounds.unseen = tuple(Part.of(e, scales(records), len(records)) for e in unseen)
-        rounds.tolerant = bool(near.keys() - {"sensor_positions"})
+        rounds.tolerant = tolerant
         before = rounds.begin()
     except FAILURES as error:
         raise ValueError(
@@ -129,6 +134,7 @@ def diagnose_beam(
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
+    alone = rounds.tolerant and not found.report.best.effects and not found.report.refused
     return BeamReport(
         reduced=replace(found.report, gap=replace(found.report.gap, sensor=seen.shown)),
         parts=found.parts,
@@ -139,6 +145,7 @@ def diagnose_beam(
         slack=slack,
         place=place,
         loud=rounds.loud,
+        masked=masked(seen, found.report.best, effects, near) if alone else (),
         with_modes=rounds.with_modes.get(names_of(found.report.best)),
     )
 
