@@ -359,11 +359,13 @@ def test_values_within_tolerances_do_not_hide_an_effect_that_is_as_likely():
         (("bouc_wen", "stop"), (), True),
         (("micro_slip",), ("linear_frequency",), True),
         (("micro_slip", "mains_hum"), (), False),  # lines of their own
-        (("quadratic_drag", "stop"), ("viscous",), False),
+        (("quadratic_drag", "stop"), (), False),
+        (("quadratic_drag",), ("viscous", "linear_frequency"), False),
+        (("quadratic_drag", "stop"), ("viscous",), True),
     ],
 )
 def test_a_loop_with_something_beside_it_is_not_named(said, moved, pliable):
-    """It takes the shape of laws that are on no list."""
+    """Nor are three things: they take the shape of laws that are on no list."""
     unsure = LinearFrequency(), Viscous()
     parts = [SimpleNamespace(effect=e) for e in (*unsure, *(EFFECTS[n] for n in said))]
     blamed = (*range(2, len(parts)), *(i for i, e in enumerate(unsure) if e.name in moved))

@@ -430,14 +430,14 @@ class Hypothesis:
 
     @property
     def pliable(self) -> bool:
-        """Whether a force that remembers is said to be missing beside something else.
+        """Whether it says so much that it takes the shape of laws which are on no list.
 
-        Such laws are fits of loops: with one thing more they take the shape of many that are on no
-        list.
+        That are three things that are missing, or a force that remembers and one thing more: such
+        laws are fits of loops. Values that moved count as one.
         """
         missing = [p.effect for p in self.effects if p.effect.structural]
-        moved = any(i < self.n_free for i in self.blamed)
-        return len(missing) + moved > 1 and any(isinstance(e, MemoryEffect) for e in missing)
+        said = len(missing) + any(i < self.n_free for i in self.blamed)
+        return said > (1 if any(isinstance(e, MemoryEffect) for e in missing) else 2)
 
     @property
     def said(self) -> set[str]:
