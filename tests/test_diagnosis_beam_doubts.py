@@ -326,6 +326,46 @@ def test_beside_values_beyond_their_tolerances_a_clamp_is_told():
     assert BeamRounds.no_less(SimpleNamespace(seen=SEEN), said) is said
 
 
+def test_all_sensors_are_asked_of_a_mass_that_values_within_tolerances_hide():
+    """Beside an effect that is likelier by the first mode: what is linear, about as likely as they.
+
+    Where no tolerances are known the first mode tells what is linear by itself.
+    """
+    names = ("added_mass", "clamp_compliance")
+    known = {e.name: e for e in parameter_effects(SEEN, 0.016, names=names)}
+    mass, clamp = (known[n] for n in names)
+    drag, inertia = (SimpleNamespace(name=n) for n in ("quadratic_drag", "nonlinear_inertia"))
+
+    def of(effect, score):
+        return SimpleNamespace(effects=(SimpleNamespace(effect=effect),), score=score)
+
+    base = SimpleNamespace(score=30.0)
+    base.at = lambda noise: base
+    best, heavier, softer, dragged = (
+        of(inertia, 0.0),
+        of(mass, 36.9),
+        of(clamp, 37.1),
+        of(drag, 9.0),
+    )
+    best.noise = None
+    said = SimpleNamespace(
+        best=best, base=base, rivals=(best,), compared=(heavier, softer, dragged)
+    )
+    rounds = SimpleNamespace(
+        near=lambda report, most: [best],
+        doubtful={},
+        tolerant=True,
+        structure=SimpleNamespace(with_effects=tuple),
+    )
+    assert BeamRounds._asked(rounds, said) == [heavier, best]
+    rounds.tolerant = False
+    assert BeamRounds._asked(rounds, said) == [best]
+    # Values alone leave next to nothing: all single effects that were compared, drag as well.
+    alone = SimpleNamespace(effects=(), noise=None)
+    said.best, said.rivals = alone, ()
+    assert BeamRounds._asked(rounds, said) == [heavier, softer, dragged]
+
+
 def test_what_modes_of_a_beam_leave_that_is_known_to_tolerances_is_no_other_vibration(monkeypatch):
     """They are a little off: no second mode is looked for beside them."""
     sought = []

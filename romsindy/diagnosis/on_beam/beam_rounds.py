@@ -365,14 +365,21 @@ class BeamRounds(Rounds):
         return found._replace(report=replace(report, best=best, rivals=rivals)), place
 
     def _asked(self, report: DiagnosisReport) -> list[Hypothesis]:
-        """Explanations that all sensors are asked of; values alone leave next to nothing."""
-        if report.best.effects:
-            return self.near(report, _MOST) or [report.best]
+        """Explanations that all sensors are asked of; values alone leave next to nothing.
+
+        What is linear the first mode hardly tells from values within tolerances: where it is about
+        as likely as these, higher modes may ask for it.
+        """
+        best = report.best
+        near = {names_of(h): h for h in self.near(report, _MOST) or [best]} if best.effects else {}
+        most = report.base.at(best.noise).score + EQUIVALENT
         found: dict[Names, Hypothesis] = {}
         for h in (*report.rivals, *self.doubtful.values(), *report.compared):
-            if len(h.effects) == 1 and self.structure.with_effects(h.effects):
+            asked = linear(h.effects) and h.score < most if best.effects else True
+            if asked and len(h.effects) == 1 and self.structure.with_effects(h.effects):
                 found.setdefault(names_of(h), h)
-        return list(found.values())[:_FEW]
+        more = list(found.items())[:_FEW] if self.tolerant or not best.effects else []
+        return list({**dict(more), **near}.values())
 
     def _placed(self, best: Hypothesis, said: Heard | None) -> tuple[tuple[Part, ...], float]:
         """An explanation on the beam, as all sensors say that it is; how far it moved, m."""
