@@ -198,8 +198,15 @@ def test_a_place_is_looked_at_again_about_where_it_was():
     apart = points[1] - points[0]
     assert_allclose(told.about(points), [0.3 - apart, 0.3, 0.3 + apart])
     assert anywhere.about(points) == points
-    end = replace(told, at=points[-1])
+    end = PlaceOnBeam(points[-1], points[-1] - 0.01, points[-1], LENGTH)
     assert_allclose(end.about(points), points[-2:])
+    # Its interval is not cut off, wherever in it the likeliest point is.
+    wide = replace(told, at=0.41, low=0.31, high=0.44)
+    assert_allclose(wide.about(points), [*(0.41 - apart * np.arange(2, -1, -1)), points[-1]])
+    assert not wide.cut_off(wide.about(points), points)
+    low, high = replace(told, low=0.2), replace(told, high=0.4)
+    assert all(p.cut_off([0.24, 0.3, 0.36], points) for p in (low, high))
+    assert not told.cut_off([0.24, 0.3, 0.36], points) and not anywhere.cut_off(points, points)
     assert_allclose(told.between(np.array(points)), [0.3 - apart / 4, 0.3 + apart / 4])
     assert anywhere.between(np.array(points)) == []
 

@@ -331,9 +331,9 @@ def test_all_sensors_are_asked_of_a_mass_that_values_within_tolerances_hide():
 
     Where no tolerances are known the first mode tells what is linear by itself.
     """
-    names = ("added_mass", "clamp_compliance")
+    names = ("added_mass", "clamp_compliance", "thickness")
     known = {e.name: e for e in parameter_effects(SEEN, 0.016, names=names)}
-    mass, clamp = (known[n] for n in names)
+    mass, clamp, thickness = (known[n] for n in names)
     drag, inertia = (SimpleNamespace(name=n) for n in ("quadratic_drag", "nonlinear_inertia"))
 
     def of(effect, score):
@@ -348,9 +348,9 @@ def test_all_sensors_are_asked_of_a_mass_that_values_within_tolerances_hide():
         of(drag, 9.0),
     )
     best.noise = None
-    said = SimpleNamespace(
-        best=best, base=base, rivals=(best,), compared=(heavier, softer, dragged)
-    )
+    thicker = of(thickness, 8.0)  # what a value is: those have tolerances
+    compared = heavier, softer, dragged, thicker
+    said = SimpleNamespace(best=best, base=base, rivals=(best,), compared=compared)
     rounds = SimpleNamespace(
         near=lambda report, most: [best],
         doubtful={},
@@ -363,7 +363,7 @@ def test_all_sensors_are_asked_of_a_mass_that_values_within_tolerances_hide():
     # Values alone leave next to nothing: all single effects that were compared, drag as well.
     alone = SimpleNamespace(effects=(), noise=None)
     said.best, said.rivals = alone, ()
-    assert BeamRounds._asked(rounds, said) == [heavier, softer, dragged]
+    assert BeamRounds._asked(rounds, said) == [heavier, softer, dragged, thicker]
 
 
 def test_what_modes_of_a_beam_leave_that_is_known_to_tolerances_is_no_other_vibration(monkeypatch):

@@ -157,6 +157,17 @@ def test_the_recipe_of_a_family_needs_no_place(seen):
     assert at_point._placed(line) == (
         f"Missing: {Damper.label} {there}, 0.02 N s/m, or a stop at 0.232 m."
     )
+    # Its strength goes with the place, in no proportion: it is told at both ends.
+    alone.effects = (
+        SimpleNamespace(
+            name="viscous", values={"strength": 0.02}, standard_errors={"strength": 0.004}
+        ),
+    )
+    ends = PlaceOnBeam(0.2319, 0.2045, 0.2681, 0.45, strengths=(0.029, 0.0143))
+    line = f"Missing: {at_point.reduced.best.effects[0].effect.label}, 0.02 +- 0.004 N s/m."
+    assert replace(at_point, place=ends)._placed(line) == (
+        f"Missing: {Damper.label} {there}, 0.02 (0.029 to 0.014) N s/m."
+    )
     untold = PlaceOnBeam(0.32, 0.21, 0.45, 0.45, strengths=(0.09, 0.018))
     damper, *_ = mounted_effects(curve, [Damper()])  # at the tip, where the mode moves most
     best = said(part(damper, 0.02))

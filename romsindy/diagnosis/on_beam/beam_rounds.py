@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from joblib import delayed
@@ -71,10 +71,14 @@ _RINGS = 0.25  # times `ringing`: what a release may ring more
 
 def _as_little(h: Hypothesis, than: Hypothesis) -> bool:
     """Whether something linear that no value of the beam stands for leaves as little as values."""
-    alone = len(h.effects) == 1 and len(h.names) == 1 and linear(h.effects)
-    kinds = (isinstance(p.effect, ParameterEffect) and not p.effect.sign for p in h.effects)
     left, least = (x.misfit + x.misfit_elsewhere for x in (h, than))
-    return alone and not any(kinds) and left <= least + EQUIVALENT
+    return h.names == tuple(names_of(h)) and _unforeseen(h) and left <= least + EQUIVALENT
+
+
+def _unforeseen(h: Hypothesis) -> bool:
+    """Whether it is one linear effect, a clamp, a mass or a damper, and no value of the beam."""
+    values = (isinstance(p.effect, ParameterEffect) and not p.effect.sign for p in h.effects)
+    return len(h.effects) == 1 and linear(h.effects) and not any(values)
 
 
 def _far(record: Record, signal: Array) -> float:
@@ -367,16 +371,16 @@ class BeamRounds(Rounds):
     def _asked(self, report: DiagnosisReport) -> list[Hypothesis]:
         """Explanations that all sensors are asked of; values alone leave next to nothing.
 
-        What is linear the first mode hardly tells from values within tolerances: where it is about
-        as likely as these, higher modes may ask for it.
+        A clamp, a mass or a damper the first mode hardly tells from values within tolerances: where
+        it is about as likely as these, higher modes may ask for it.
         """
         best = report.best
         near = {names_of(h): h for h in self.near(report, _MOST) or [best]} if best.effects else {}
         most = report.base.at(best.noise).score + EQUIVALENT
         found: dict[Names, Hypothesis] = {}
         for h in (*report.rivals, *self.doubtful.values(), *report.compared):
-            asked = linear(h.effects) and h.score < most if best.effects else True
-            if asked and len(h.effects) == 1 and self.structure.with_effects(h.effects):
+            asked = _unforeseen(h) and h.score < most if best.effects else len(h.effects) == 1
+            if asked and self.structure.with_effects(h.effects):
                 found.setdefault(names_of(h), h)
         more = list(found.items())[:_FEW] if self.tolerant or not best.effects else []
         return list({**dict(more), **near}.values())
@@ -435,20 +439,27 @@ class BeamRounds(Rounds):
             if len(movable) != 1:
                 return TriedOnBeam(names_of(h), None, left[:, None], off[None])
             starts = [s._replace(ring=None) for s in begun]
-            places = points(self.seen.beam)
+            everywhere = points(self.seen.beam)
             told = self.told.get(movable[0].effect.name)
-            if told is not None:
-                places = told.about(places)
+            places = everywhere if told is None else told.about(everywhere)
             tried, several = self._at(places, opened, starts, read, slack)
+            if self._place(tried, read).cut_off(places, everywhere):  # it may be elsewhere by now
+                places = everywhere
+                tried, several = self._at(places, opened, starts, read, slack)
             for _ in range(_FINER):  # what turns fast from point to point is no spline between
-                (place,) = (heard.place for heard in weigh([tried], read, self.seen))
-                if place is None or not (finer := place.between(tried.points)):
+                place = self._place(tried, read)
+                if not (finer := place.between(tried.points)):
                     break
                 near = several[int(np.argmin(np.abs(np.subtract(places, place.at))))]
                 tried = tried.joined(self._at(finer, opened, near, read, slack)[0])
         except FAILURES:
             return None
         return replace(tried, names=names_of(h))
+
+    def _place(self, tried: TriedOnBeam, read: Sequence[Readings]) -> PlaceOnBeam:
+        """Where all sensors say that an effect acts, which was tried at several points."""
+        ((_, place, _),) = weigh([tried], read, self.seen)
+        return cast(PlaceOnBeam, place)
 
     def _at(
         self,

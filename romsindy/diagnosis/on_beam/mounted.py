@@ -79,12 +79,21 @@ class PlaceOnBeam:
         return [x for x in (self.at - apart / 4, self.at + apart / 4) if known[0] < x < known[-1]]
 
     def about(self, points: Sequence[float]) -> list[float]:
-        """Where to look again, of ``points`` at equal distances: all, or about where it was."""
+        """Where to look again, of ``points`` at equal distances: all, or about where it may be.
+
+        They reach beyond its interval to either side, so that this is not cut off.
+        """
         if not self.told:
             return list(points)
         apart = points[1] - points[0]
-        near = np.clip([self.at - apart, self.at, self.at + apart], points[0], points[-1])
-        return sorted(set(near.tolist()))
+        below, above = ((x // apart + 1) for x in (self.at - self.low, self.high - self.at))
+        near = self.at + apart * np.arange(-below, above + 1)
+        return sorted(set(np.clip(near, points[0], points[-1]).tolist()))
+
+    def cut_off(self, tried: Sequence[float], everywhere: Sequence[float]) -> bool:
+        """Whether it may act beyond the points that were ``tried``, of those where it can be."""
+        below = self.low <= tried[0] and tried[0] > everywhere[0]
+        return below or (self.high >= tried[-1] and tried[-1] < everywhere[-1])
 
     def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""

@@ -25,7 +25,7 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.structure import FREE
 from romsindy.diagnosis import words
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.found import titles
+from romsindy.diagnosis.found import titles, value_with_error
 from romsindy.diagnosis.next_test import MOST_ODDS, Advice, Experiment, MoreOfIt, WithoutMotion
 from romsindy.diagnosis.on_beam.all_sensors import Latitude, SensorFault
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
@@ -283,10 +283,14 @@ class BeamReport(StructureReport):
             return line
         usual = where(movable[0])
         if self.place.told:
-            return line.replace(usual, in_interval(self.place), 1)
+            line = line.replace(usual, in_interval(self.place), 1)
         if not self.place.strengths:
             return line
         there = " to ".join(f"{x:.2g}" for x in self.place.strengths)
+        if self.place.told:
+            found = next(e for e in self.effects if e.name == movable[0].effect.name)
+            value, error = (of["strength"] for of in (found.values, found.standard_errors))
+            return line.replace(value_with_error(value, error), f"{value:.2g} ({there})", 1)
         unit = movable[0].effect.strength_unit(self.reduced.model.unit)
         there = f"{self.place}, {there} {unit} there; {usual} it would be "
         return line.replace(f"{usual}, ", there, 1)
