@@ -152,7 +152,7 @@ HOUSE = [
     Measure("files in the longest chain of imports", longest_chain_of_files, 17, 16),
     Measure("isinstance on a kind of model or record", lambda: len([*kind_switches()]), 0, 0),
     Measure("classes defined twice", lambda: len(classes_defined_twice()), 0, 0),
-    Measure("lines", lines, 67_635, 40_000),
+    Measure("lines", lines, 67_636, 40_000),
     Measure("files", lambda: len(files()), 220, 220),
     Measure("public names", lambda: len(romsindy.__all__), 46, 46),
 ]

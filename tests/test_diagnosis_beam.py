@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.interpolate import CubicSpline
+from scipy.linalg import null_space
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support, load_beam
@@ -18,7 +19,7 @@ from romsindy.beam.structure import Spring, springs_of
 from romsindy.commands.main import main
 from romsindy.diagnosis import rounds
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.all_sensors import find_fault
+from romsindy.diagnosis.on_beam.all_sensors import _places_explain, find_fault
 from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -273,6 +274,16 @@ def test_a_sensor_off_its_place_within_the_tolerance_is_no_fault(own):
         spoilt[:, 2] = spoil(spoilt[:, 2])
         fault = find_fault(spoilt, *given, gains)
         assert (fault.channel, fault.kind) == (2, kind)
+
+
+def test_sensors_off_their_places_are_blamed_in_1_of_400():
+    """Three standard errors, as what is named. Of 20,000 draws 54 are expected, +- 15: 2 sigma."""
+    rng, q = np.random.default_rng(0), np.array([1.0, -2.0, 0.5])
+    gains = position_gains(SEEN, 0.001)
+    drives = null_space(SEEN.shapes.T).T * SEEN.shapes[:, 0]
+    follow = rng.standard_normal((20_000, len(gains))) * gains @ drives.T
+    blamed = [not _places_explain(np.outer(q, x), q, drives, gains) for x in follow]
+    assert sum(blamed) == pytest.approx(54, abs=15)
 
 
 def test_few_clipped_swings_are_seen(own):

@@ -40,7 +40,7 @@ from romsindy.diagnosis.all_sensors import (
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import PlaceOnBeam
-from romsindy.fit.verdict import ONE_SENSOR, PLACE_RISE, SAME_DAMPING, SENSOR_FAULT
+from romsindy.fit.verdict import NAMED_ABOVE, ONE_SENSOR, PLACE_RISE, SAME_DAMPING, SENSOR_FAULT
 from romsindy.typing import Array
 
 _FINE = 51  # places between two points
@@ -332,7 +332,8 @@ def _rotating(x: Array, t: Array) -> Array:
 
 # Swings that end at exactly the same value are clipped: those of a decay differ.
 _SAME, _SWINGS = 1e-9, 4
-_CHANCE = 0.01  # that sensors within their tolerances disagree by more
+# That sensors within their tolerances disagree by more, as for the strength of what is named.
+_CHANCE = float(chi2.sf(NAMED_ABOVE**2, 1))
 _CUT = 30.0  # of chi-square, for independent samples, over some hundred limits that are tried
 _LIMITS = np.linspace(0.6, 1.0, 41)  # of a channel, over its largest reading
 _MEMORY = 20  # samples after which noise is not alike any more
