@@ -272,7 +272,7 @@ def test_what_values_within_tolerances_may_hide():
 
     def hidden(stiffer=0.0, but=()):
         moved = replace(parts[0], strengths=np.array([[stiffer]])), parts[1]
-        found = masked(seen, SimpleNamespace(parts=moved, n_free=2), effects, {*known, *but})
+        found = masked(seen, SimpleNamespace(parts=moved), parts, effects, {*known, *but})
         return {m.name: m.most for m in found}
 
     lift, stiffness = 4 / (plain.section.mass * plain.length), plain.section.EI
@@ -282,6 +282,9 @@ def test_what_values_within_tolerances_may_hide():
         "added_mass": pytest.approx(0.02 * 1.96 / lift, rel=0.03),
         "viscous": pytest.approx(0.1 * 1.96 * plain.alpha / lift, rel=0.01),
     }
+    # What agrees as it was has the same tolerances: nothing was fitted to it.
+    same = masked(seen, SimpleNamespace(parts=()), parts, effects, known)
+    assert {m.name: m.most for m in same} == pytest.approx(hidden())
     # A frequency that is lower by half a standard deviation asks for as much of a clamp.
     lower = hidden(-0.01)["clamp_compliance"]
     assert lower == pytest.approx(clamp * (1 + 0.5 / 1.96), rel=0.02)

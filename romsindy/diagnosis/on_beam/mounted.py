@@ -25,12 +25,10 @@ from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.effects.choices import FAMILIES
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor
-from romsindy.fit.verdict import PLACE, PLACE_RISE
+from romsindy.fit.verdict import PLACE
 from romsindy.physics.damping import Averaged, FrictionLaw
 from romsindy.physics.term import Term
 from romsindy.typing import Array
-
-PLACE_ERRORS = PLACE_RISE**0.5  # standard errors to either side of a place that are told
 
 # Parts of the length over which an effect is looked for, at so many points: nearer to a support
 # nothing moves.
@@ -53,7 +51,7 @@ class PlaceOnBeam:
     """Where an effect acts, m."""
 
     at: float  # the likeliest point
-    # `PLACE_ERRORS` standard errors to either side
+    # Three standard errors to either side, see `PLACE_RISE`
     low: float
     high: float
     length: float  # of the beam

@@ -284,7 +284,7 @@ def seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> d
     return {"mu": mass - 1.0, "c_linear": mass * damping, **found}
 
 
-_TOLD = 1.96  # standard errors of a strength to either side
+TOLD = 1.96  # standard errors of a strength to either side
 
 
 def can_be_anywhere(effect: Effect) -> bool:
@@ -365,7 +365,7 @@ def with_error_of_place(
     low, high = (moved_to(seen, part, at, record).values for at in (place.low, place.high))
     # Further apart by what the strength is unsure of at either end.
     error = float(best.covariance[own, own][0, 0]) ** 0.5
-    unsure = _TOLD * error / abs(float(part.values[0]))
+    unsure = TOLD * error / abs(float(part.values[0]))
     ends = np.array([low[0], high[0]])
     ends += unsure * np.abs(ends) * ([-1, 1] if low[0] < high[0] else [1, -1])
     place = replace(place, strengths=(float(ends[0]), float(ends[1])))
@@ -373,5 +373,5 @@ def with_error_of_place(
         return best, place
     # A place lies within its interval in about 19 of 20 trials, whatever its likelihood says; and
     # how strong an effect is at either end, in no proportion.
-    moved = max((x - part.values for x in (low, high)), key=lambda x: abs(x[0])) / _TOLD
+    moved = max((x - part.values for x in (low, high)), key=lambda x: abs(x[0])) / TOLD
     return replace(best, weighed=NearPlace(best.weighed, own, moved)), place

@@ -30,7 +30,7 @@ from romsindy.diagnosis.evidence import FAR, Hypothesis
 from romsindy.diagnosis.on_beam.all_sensors import OpenValues
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, ModesAtRest
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
-from romsindy.diagnosis.on_beam.parameters import PLACED_MASS, ParameterEffect
+from romsindy.diagnosis.on_beam.parameters import PLACED_MASS, TOLD, ParameterEffect
 from romsindy.diagnosis.search import screen
 from romsindy.diagnosis.structure import key_of
 from romsindy.effects import Gain, Viscous
@@ -49,7 +49,6 @@ _CHANGE = 0.3  # standard errors, for what a change of a value does to higher mo
 _SHIFT = 1e-4  # of a sensor, for a difference, as a part of the length
 # Linear effects that a beam can have and that nobody thought of; values are known to tolerances.
 _LINEAR = ("clamp_compliance", PLACED_MASS, Viscous.name)
-_TOLD = 1.96  # standard errors of a strength
 # What a record tells of the frequency and the rate of the first mode at the best, relative; and of
 # a rate that is nearly none, over the frequency.
 _FREQUENCY, _RATE, _LEAST_RATE = 1e-5, 2e-3, 1e-6
@@ -357,18 +356,19 @@ class Masked:
 def masked(
     seen: InstrumentedBeam,
     found: Hypothesis,
+    unsure: Sequence[Part],
     effects: Sequence[BeamEffect],
     known: Collection[str],
 ) -> tuple[Masked, ...]:
     """What values within their tolerances may hide, the first of ``effects`` of each kind.
 
-    ``found`` explains the measurement by values alone; those of the names ``known`` have
-    tolerances.
+    ``found`` explains the measurement by values alone, whether or not these had to move; those that
+    are ``unsure``, of the names ``known``, have tolerances.
     """
     beam, there = seen.beam, beam_with(seen.beam, found.parts)
     usual = _first_mode(beam)
     asked = _first_mode(there) - usual
-    off = np.reshape([_first_mode(x) - usual for x in _one_off(beam, found)], (-1, 2))
+    off = np.reshape([_first_mode(x) - usual for x in _one_off(beam, unsure)], (-1, 2))
     noise = np.array([_FREQUENCY, _RATE * usual[1] + _LEAST_RATE * np.exp(usual[0])])
     weight = np.linalg.inv(off.T @ off + np.diag(noise**2))
     first = {e.name: e for e in reversed(effects) if e.name in _LINEAR and e.name not in known}
@@ -378,7 +378,7 @@ def masked(
         step = _step(effect, beam)
         by = (_first_mode(beam.with_effect(effect.on_beam(step))) - usual) / step
         precision = float(by @ weight @ by)
-        most = float(by @ weight @ asked) / precision + _TOLD * precision**-0.5
+        most = float(by @ weight @ asked) / precision + TOLD * precision**-0.5
         if most > 0:
             hidden.append(Masked(name, effect.label, most, effect.strength_unit(None)))
     return tuple(hidden)
@@ -398,9 +398,9 @@ def _first_mode(beam: Beam) -> Array:
     return np.array([np.log(found.omega[0]), found.rates[0]])
 
 
-def _one_off(beam: Beam, found: Hypothesis) -> Iterator[Beam]:
+def _one_off(beam: Beam, unsure: Sequence[Part]) -> Iterator[Beam]:
     """The beam with each of the values a standard deviation off."""
-    for part in found.parts[: found.n_free]:
+    for part in unsure:
         if isinstance(part.effect, BeamEffect) and part.tolerance is not None:
             yield beam_with(beam, [replace(part, strengths=np.array([[part.tolerance]]))])
 

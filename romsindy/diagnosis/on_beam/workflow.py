@@ -134,7 +134,9 @@ def diagnose_beam(
     last = decays[-1].between(rounds.calm[-1])
     errors = sensor_errors(seen.sensors.labels, last, (before[-1], found.corrected[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
-    alone = rounds.tolerant and not found.report.best.effects and not found.report.refused
+    told = found.report
+    alone = tolerant and not (told.best.effects or found.trouble or told.verdict == "unknown")
+    near_by = [Part.of(e, scales(records), len(records)) for e in unsure]
     return BeamReport(
         reduced=replace(found.report, gap=replace(found.report.gap, sensor=seen.shown)),
         parts=found.parts,
@@ -145,7 +147,7 @@ def diagnose_beam(
         slack=slack,
         place=place,
         loud=rounds.loud,
-        masked=masked(seen, found.report.best, effects, near) if alone else (),
+        masked=masked(seen, told.best, near_by, effects, near) if alone else (),
         with_modes=rounds.with_modes.get(names_of(found.report.best)),
     )
 
