@@ -503,6 +503,28 @@ def test_what_is_on_no_list_is_as_strong_as_asked(benchmark, name, shift, ratio)
         assert np.mean(warmer) == pytest.approx(0.0, abs=1e-9)
 
 
+@benchmark_of("exudyn_trials")
+def test_a_beam_that_cannot_be_held_is_drawn_again(benchmark, monkeypatch, capsys):
+    """Five times at the most; what never can be is the error that it is."""
+    error = importlib.import_module("exudyn").ExudynError
+    seen = []
+
+    def drawn(kind, seed, attempt):
+        seen.append(attempt)
+        if attempt < first:
+            raise error("no statics")
+        return attempt
+
+    monkeypatch.setattr(benchmark, "drawn", drawn)
+    first = 2
+    assert benchmark._made("bent_mounted", 3) == 2 and seen == [0, 1, 2]
+    again = "bent_mounted 3: drawn again, since Exudyn says: no statics\n"
+    assert capsys.readouterr().out == 2 * again
+    first = 5
+    with pytest.raises(error, match="no statics"):
+        benchmark._made("bent_mounted", 3)
+
+
 @benchmark_of("marked")
 def test_a_diagnosis_that_fails_is_counted(benchmark):
     def refuses():
